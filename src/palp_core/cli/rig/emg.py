@@ -175,7 +175,6 @@ def fit_policy(
     import numpy as np
 
     from palp_core.palpation.identification.emg import markov_fit
-    from palp_core.palpation.identification.emg.markov_page import write_fit
     from palp_core.palpation.identification.emg.muscles import ImportOptions
 
     if out is not None:
@@ -190,7 +189,7 @@ def fit_policy(
         mass=mass,
         tell=note,
     )
-    record = write_fit(found, out) if out is not None else markov_fit.fit_record(found)
+    record = markov_fit.write_fit(found, out) if out is not None else markov_fit.fit_record(found)
     if as_json:
         print_json(record)
     else:

@@ -26,6 +26,16 @@ def finite_offsets(offset_m: ArrayLike) -> Float64Array:
     return offsets
 
 
+def finite_places(
+    offset_m: ArrayLike, indentation_m: ArrayLike, deepest_m: float, advice: str
+) -> tuple[Float64Array, Float64Array]:
+    """Return offsets and indentations as arrays, once the former are finite and the latter not too deep."""
+    depths = np.asarray(indentation_m, dtype=np.float64)
+    if not (depths <= deepest_m).all():
+        raise OutOfRange("indentation_m", f"{np.max(depths):g} is beyond {deepest_m:g}, {advice}")
+    return finite_offsets(offset_m), depths
+
+
 def explicit_step_s(
     inertia_kg_m2: float, regular_m_s: float, friction: float, normal_n: float, arm_m: float
 ) -> float:

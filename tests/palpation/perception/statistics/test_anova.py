@@ -7,10 +7,10 @@ from palp_core.palpation.perception.statistics.anova import (
     NotTestable,
     bonferroni,
     fisher,
+    mixed_logit,
     permutation,
     two_way,
 )
-from palp_core.palpation.perception.statistics.mixed_logit import mixed_logit
 
 NAMES = ("depth", "ring")
 

@@ -24,11 +24,7 @@ _Line = tuple[int, str]
 
 
 def read_csv(path: Path) -> EmgFile:
-    """Read a table of text.
-
-    Raises:
-        PalpError: No table of numbers begins within the first 200 lines, or a line breaks it.
-    """
+    """Read a table of text."""
     lines = _lines(path)
     for delimiter in _DELIMITERS:
         if (begin := _table_begin(lines, delimiter)) is not None:

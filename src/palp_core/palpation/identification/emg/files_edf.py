@@ -22,12 +22,7 @@ _TRIGGERS = "Status"  # BioSemi's channel of bits
 
 
 def read_edf(path: Path) -> EmgFile:
-    """Read every signal that can be scaled to its physical unit.
-
-    Raises:
-        PalpError: The header is not that of EDF or BDF, no whole record follows it, no signal can be scaled,
-            or there are gaps between records.
-    """
+    """Read every signal that can be scaled to its physical unit."""
     data = path.read_bytes()
     wide = data[:1] == b"\xff"
     if not wide and data[:8].strip(b" \0") != b"0":

@@ -1,10 +1,12 @@
 """Learn the strategy from recordings of EMG: peaks to levels, levels to a chain per depth and one of all."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from palp_core.palpation.identification.emg.files import is_recording
 from palp_core.palpation.identification.emg.muscles import ImportOptions
 from palp_core.palpation.identification.emg.trial import run_trial, settings_record, trial_record
 from palp_core.palpation.perception.emg.analysis import EmgSettings
-from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile
+from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile, write_chains
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.perception.strategy.markov_posterior import (
     ChainSummary,
@@ -22,12 +24,18 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
     fit_chain,
     summarise,
 )
+from palp_core.palpation.reporting.charts import Chart, number
+from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.session.human.record import (
     EMG,
     emg_depths,
     emg_that_does_not_count,
     is_human_session,
 )
+from palp_core.whole_file import write_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LEAST_SD = 0.01
 
@@ -236,3 +244,74 @@ def _chain_record(one: FittedChain) -> dict[str, Any]:
 
 def _ends(interval: CredibleInterval) -> dict[str, float]:
     return {"value": interval.value, "low": interval.low, "high": interval.high}
+
+
+_SCALE_END = 0.6  # of the published Figure 5; a chain with a larger entry gets its own
+
+
+def write_fit(found: StrategyFit, out: Path) -> dict[str, Any]:
+    """Write chain.json (which the Markov policy loads), markov.json, the chart, its table and the page."""
+    record = fit_record(found)
+    out.mkdir(parents=True, exist_ok=True)
+    write_chains(chain_file(found), out / "chain.json")
+    write_json(out / "markov.json", record)
+    write_page(
+        out / "index.html",
+        "markov_fit.html",
+        fit=record,
+        levels=[f"level {level:g}" for level in LEVELS],
+        matrices=picture(_matrices_chart(found), out),
+    )
+    return record
+
+
+def _matrices_chart(found: StrategyFit) -> Chart:
+    top = max(_SCALE_END, *(float(one.summary.matrix.max()) for one in found.chains))
+
+    def draw(to: Figure) -> None:
+        panels = to.subplots(1, len(found.chains), squeeze=False)[0]
+        for axes, one in zip(panels, found.chains, strict=True):
+            image = axes.imshow(one.summary.matrix, vmin=0.0, vmax=top, cmap="cividis", origin="lower")
+            for row in range(len(LEVELS)):
+                for column in range(len(LEVELS)):
+                    value = one.summary.matrix[row, column]
+                    number(axes, column, row, f"{value:.2f}")
+            axes.set_xticks(range(len(LEVELS)), [f"{level:g}" for level in LEVELS])
+            axes.set_yticks(range(len(LEVELS)), [f"{level:g}" for level in LEVELS])
+            axes.grid(visible=False)
+            axes.set_title(f"{_name(one)}, {int(one.summary.posterior.counts.sum())} transitions", loc="left")
+            axes.set_xlabel("present level")
+            axes.set_ylabel("next level")
+        to.colorbar(image, ax=list(panels), shrink=0.7)
+
+    return Chart(
+        "matrices",
+        "Transition matrices",
+        "Posterior mean of M[next, present]; the table beside has every entry's interval.",
+        3.2,
+        ("depth_mm", "next", "present", "count", "mean", "low", "high"),
+        [row for one in found.chains for row in _entries(one)],
+        draw,
+    )
+
+
+def _name(one: FittedChain) -> str:
+    return "all depths" if one.depth_m is None else f"d = {one.depth_m * 1e3:g} mm"
+
+
+def _entries(one: FittedChain) -> list[tuple[object, ...]]:
+    summary = one.summary
+    depth_mm = "" if one.depth_m is None else one.depth_m * 1e3
+    return [
+        (
+            depth_mm,
+            LEVELS[i],
+            LEVELS[j],
+            int(summary.posterior.counts[i, j]),
+            float(summary.matrix[i, j]),
+            float(summary.low[i, j]),
+            float(summary.high[i, j]),
+        )
+        for j in range(len(LEVELS))
+        for i in range(len(LEVELS))
+    ]

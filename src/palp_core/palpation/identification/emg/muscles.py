@@ -75,11 +75,7 @@ class Muscles:
 
 
 def read_muscles(path: Path, options: ImportOptions) -> Muscles:
-    """Read the muscles of a recording.
-
-    Raises:
-        PalpError: The file cannot be read, or does not say what :func:`choose_muscles` needs.
-    """
+    """Read the muscles of a recording."""
     return choose_muscles(read_emg(path), options)
 
 

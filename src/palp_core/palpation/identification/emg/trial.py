@@ -42,19 +42,7 @@ class EmgTrial:
 def run_trial(
     path: Path, mvc: Path | None, options: ImportOptions, settings: EmgSettings, rest: Path | None = None
 ) -> EmgTrial:
-    """Read and analyse a trial.
-
-    Args:
-        path: The trial.
-        mvc: Its MVC; None: the trial's file has it as a phase, as a bag does.
-        options: What the user states.
-        settings: How; the rate is the file's.
-        rest: A recording at rest; None: the file's own, if it has that phase.
-
-    Raises:
-        PalpError: A file cannot be used, or there is no MVC.
-        PerceptionError: The signals cannot be used.
-    """
+    """Read and analyse a trial."""
     trial = read_muscles(path, options)
     effort_path, effort, quiet = path, trial.phase("mvc"), trial.phase("rest")
     if mvc is not None:

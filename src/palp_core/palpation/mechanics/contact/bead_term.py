@@ -17,9 +17,8 @@ import numpy as np
 
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
 from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
-from palp_core.palpation.mechanics.contact.layer import BondedLayer
+from palp_core.palpation.mechanics.contact.layer import BondedLayer, Trace
 from palp_core.palpation.mechanics.contact.section_mesh import bead_section
-from palp_core.palpation.mechanics.contact.trace import Trace
 from palp_core.units import Float64Array
 
 _SQUARES = 1e-7  # of the largest stiffening: smaller squares are left out

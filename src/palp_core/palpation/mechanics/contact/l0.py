@@ -8,11 +8,11 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.errors import MechanicsError
 from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.limits import finite_offsets, require
+from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.units import Float64Array
 
@@ -166,14 +166,9 @@ class FittedBump:
         self, offset_m: Float64Array, indentation_m: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return the indentation from 0 up, the bump's factor and its slope by offset, broadcast."""
-        given = np.asarray(indentation_m, dtype=np.float64)
-        if not np.all(given <= self.indentation_max_m):
-            raise OutOfRange(
-                "indentation_m",
-                f"{np.max(given):g} is beyond {self.indentation_max_m:g}, what the bump was fitted over; "
-                "press less deep, fit deeper forces or climb to l2",
-            )
-        offset, width = finite_offsets(offset_m), self.fit.width_m
+        advice = "what the bump was fitted over; press less deep, fit deeper forces or climb to l2"
+        offset, given = finite_places(offset_m, indentation_m, self.indentation_max_m, advice)
+        width = self.fit.width_m
         extra = self.fit.rise * np.exp(-0.5 * (offset / width) ** 2)
         depth, bump = np.broadcast_arrays(np.maximum(given, 0.0), 1.0 + extra)
         return depth, bump, np.broadcast_to(-extra * offset / width**2, depth.shape)

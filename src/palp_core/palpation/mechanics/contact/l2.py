@@ -10,7 +10,7 @@ import numpy as np
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import method
 from palp_core.palpation.mechanics.contact import bounds
-from palp_core.palpation.mechanics.limits import finite_offsets, require
+from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.tip import over_paraboloid
 from palp_core.units import Float64Array
@@ -158,7 +158,7 @@ class LayeredHertz:
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
-        indentation_m = self._checked(indentation_m)
+        offset_m, indentation_m = self._checked(offset_m, indentation_m)
         inverse, inverse_slope, yielding, yielding_slope = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
         root = np.sqrt(self.tip_radius_m * layer_m)
@@ -170,7 +170,7 @@ class LayeredHertz:
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
         """Return U in J; see :class:`~palp_core.palpation.mechanics.contact.model.ContactModel`."""
-        indentation_m = self._checked(indentation_m)
+        offset_m, indentation_m = self._checked(offset_m, indentation_m)
         inverse, _, yielding, _ = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
         root = np.sqrt(self.tip_radius_m * layer_m)
@@ -178,21 +178,17 @@ class LayeredHertz:
         normal_n, energy_by_layer = sums * (self._plane * root * layer_m)
         return np.asarray(energy_by_layer * layer_m + 0.5 * yielding * normal_n**2)
 
-    def _checked(self, indentation_m: Float64Array) -> Float64Array:
-        indentation_m = np.asarray(indentation_m, dtype=np.float64)
-        if not (indentation_m <= self.indentation_max_m).all():
-            raise OutOfRange(
-                "indentation_m",
-                f"{np.max(indentation_m):g} is not below {self.indentation_max_m:g}, the ball's radius; "
-                "press less deep or use a finite-strain rung",
-            )
-        return np.maximum(indentation_m, 0.0)
+    def _checked(
+        self, offset_m: Float64Array, indentation_m: Float64Array
+    ) -> tuple[Float64Array, Float64Array]:
+        advice = "the ball's radius; press less deep or use a finite-strain rung"
+        offset_m, depth_m = finite_places(offset_m, indentation_m, self.indentation_max_m, advice)
+        return offset_m, np.maximum(depth_m, 0.0)
 
     def _support(
         self, offset_m: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
         """Return u(s) in 1/m, u'(s), c(s) in m/N, c'(s)."""
-        offset_m = finite_offsets(offset_m)
         floor = 1.0 / self.phantom.height_m
         bead = self.phantom.bead
         if bead is None:

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from palp_core.errors import OutOfRange
 from palp_core.methods import method
 from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
@@ -16,7 +15,7 @@ from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
-from palp_core.palpation.mechanics.limits import finite_offsets, require
+from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.tip import contact_radius_m
 from palp_core.units import Float64Array
@@ -118,15 +117,8 @@ class HarmonicContact:
     def _checked(
         self, offset_m: Float64Array, indentation_m: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        offset_m = np.asarray(offset_m, dtype=np.float64)
-        indentation_m = np.asarray(indentation_m, dtype=np.float64)
-        if not np.all(indentation_m <= self.indentation_max_m):
-            raise OutOfRange(
-                "indentation_m",
-                f"{np.max(indentation_m):g} is not below {self.indentation_max_m:g}, the ball's radius; "
-                "press less deep",
-            )
-        return finite_offsets(offset_m), indentation_m
+        advice = "the ball's radius; press less deep"
+        return finite_places(offset_m, indentation_m, self.indentation_max_m, advice)
 
     @cached_property
     def _table(self) -> EnergyTable:

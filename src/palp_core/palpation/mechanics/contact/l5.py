@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.errors import MechanicsError
 from palp_core.methods import method
 from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
@@ -16,7 +16,7 @@ from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
-from palp_core.palpation.mechanics.limits import finite_offsets, require
+from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.units import Float64Array
 
@@ -134,15 +134,8 @@ class FiniteStrainContact:
     def _checked(
         self, offset_m: Float64Array, indentation_m: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        offset_m = finite_offsets(offset_m)
-        indentation_m = np.asarray(indentation_m, dtype=np.float64)
-        if not np.all(indentation_m <= self.indentation_max_m * (1.0 + 1e-12)):
-            raise OutOfRange(
-                "indentation_m",
-                f"{np.max(indentation_m):g} is beyond {self.indentation_max_m:g}, where the finite elements "
-                "of l5 fold or the ball is in up to its radius; press less deep",
-            )
-        return offset_m, indentation_m
+        advice = "where the finite elements of l5 fold or the ball is in up to its radius; press less deep"
+        return finite_places(offset_m, indentation_m, self.indentation_max_m * (1.0 + 1e-12), advice)
 
     @cached_property
     def _table(self) -> EnergyTable:

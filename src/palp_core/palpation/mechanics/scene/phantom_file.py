@@ -23,16 +23,7 @@ CASTINGS, CAST_COUNT = "castings", 6
 
 
 def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
-    """Return the phantoms of a file by code.
-
-    Args:
-        path: The file; empty: the paper's three; ``castings``: six of each of these.
-        gel: Gel and bead that the paper's three depths are given where there is no file.
-
-    Raises:
-        MechanicsError: No such file, no YAML, a sealed key, an unknown key or a value out of range; the
-            message says where.
-    """
+    """Return the phantoms of a file by code."""
     if path and is_sealed(path):
         raise MechanicsError(
             f"{path} is sealed: read in the open it would tell which phantom is which; run a blinded session "

@@ -41,17 +41,8 @@ def require_sealable(phantoms: Mapping[str, Phantom]) -> None:
 def seal(path: Path, phantoms: Mapping[str, Phantom], *, new: bool = False) -> dict[str, str]:
     """Draw new codes for phantoms and write who is who; an older file stays, and its codes hold.
 
-    Args:
-        path: The key.
-        phantoms: By their own codes.
-        new: An older file is refused.
-
     Returns:
         The phantom's own code by its new one: what to write on which sticker.
-
-    Raises:
-        MechanicsError: It cannot be written, is there and is to be new, or two phantoms are of one depth, so
-            that codes tell too much.
     """
     require_sealable(phantoms)
     codes: set[str] = set()

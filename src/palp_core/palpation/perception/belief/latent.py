@@ -33,21 +33,13 @@ Indices = int | NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class OffsetModel:
-    """How readings of every class and setting spread, and which part of it stays.
+    """How readings of every class and setting spread, and which part of it stays."""
 
-    Attributes:
-        mean: Mean reading, any unit, shape (m, k, f): classes, settings, features.
-        noise: Covariance of what is drawn at every reading, positive definite, shape (m, k, f, f).
-        slope: Change of the reading per unit of each offset, shape (m, k, f, l); l may be 0.
-        offset_sd: Standard deviation of each offset, shape (l,).
-        renewed_by_move: Whether a move of the setting draws the offset anew (else it stays for the trial),
-            length l.
-    """
-
-    mean: Float64Array
-    noise: Float64Array
-    slope: Float64Array
-    offset_sd: Float64Array
+    mean: Float64Array  # Mean reading, any unit, shape (m, k, f): classes, settings, features
+    noise: Float64Array  # Covariance of what is drawn at every reading, positive definite, shape (m, k, f, f)
+    slope: Float64Array  # Change of the reading per unit of each offset, shape (m, k, f, l); l may be 0
+    offset_sd: Float64Array  # Standard deviation of each offset, shape (l,)
+    # Whether a move of the setting draws the offset anew (else it stays for the trial), length l
     renewed_by_move: tuple[bool, ...]
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ it is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -122,14 +122,7 @@ class Primitives:
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return plain lists and floats; JSON keeps every bit of them."""
-        return {
-            "depths_m": self.depths_m.tolist(),
-            "rings_m": self.rings_m.tolist(),
-            "mean": self.mean.tolist(),
-            "sd": self.sd.tolist(),
-            "count": self.count.tolist(),
-            "floor": float(self.floor),
-        }
+        return {one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(self)}
 
     @classmethod
     def from_rows(cls, flat: Mapping[str, Sequence[float]]) -> Primitives:
@@ -156,7 +149,7 @@ class Primitives:
         Raises:
             PerceptionError: A key is missing or unknown, or the values do not fit together.
         """
-        expected = {"depths_m", "rings_m", "mean", "sd", "count", "floor"}
+        expected = {one.name for one in fields(cls)}
         if set(data) != expected:
             raise PerceptionError(f"primitives have the keys {sorted(expected)}, not {sorted(data)}")
         return cls(**data)

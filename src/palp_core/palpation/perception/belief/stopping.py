@@ -90,14 +90,10 @@ class Verdict:
 
 
 class StopRule(ABC):
-    """Says after each probe whether to stop; a frozen dataclass whose first field is the rule's own number.
+    """Says after each probe whether to stop; a frozen dataclass, first the rule's own number."""
 
-    Attributes:
-        largest: Largest value that its own number may have.
-        within_a_sweep: Whether it may be asked before a probe is over: it goes by the belief alone.
-    """
-
-    largest: ClassVar[float] = np.inf
+    largest: ClassVar[float] = np.inf  # Largest value that its own number may have
+    # Whether it may be asked before a probe is over: it goes by the belief alone
     within_a_sweep: ClassVar[bool] = False
 
     @property
@@ -107,11 +103,7 @@ class StopRule(ABC):
 
     @abstractmethod
     def check(self, step: BeliefStep) -> StopState:
-        """Return what it says after a probe.
-
-        Raises:
-            PerceptionError: It cannot decide among so few classes, whatever is felt.
-        """
+        """Return what it says after a probe."""
 
 
 def total_variation(first: Float64Array, second: Float64Array) -> Float64Array:

@@ -79,46 +79,26 @@ class EmgSettings:
 
 @dataclass(frozen=True, eq=False)
 class EmgAnalysis:
-    """What a trial gives; muscles in the order of the samples.
+    """What a trial gives; muscles in the order of the samples."""
 
-    Attributes:
-        envelopes: s_i, the samples' unit, shape (muscles, n).
-        normalised: s_i^N of eq. (1), dimensionless, shape (muscles, n).
-        cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
-        trusted: Where no sample of the RMS window was lost, shape (n,).
-        bursts: Contractions with a peak in a trusted part.
-        peaks: Peaks in trusted parts.
-        levels: Level of each peak.
-        runs: Levels in order, split where samples were lost, so that no transition spans a gap.
-        maxima: s_i^max, the samples' unit.
-        reference: Denominator of eq. (3), the samples' unit.
-        on: Co-contraction at which a burst begins, dimensionless.
-        off: Below which it ends.
-        mvc_ratio: Envelope at MVC over that at rest, of the muscle where it is least.
-        above_mvc_count: Trusted values of co-contraction above 1.
-        quality: Of each muscle's trial.
-        mvc_quality: Of each muscle's MVC.
-        flags: What is wrong: a flag of a trial's sample quality, the same with ``mvc_`` before it, and
-            ``no_rest`` (silent, so nothing to hold the MVC against), ``mvc_too_small``, ``above_mvc``,
-            ``level_clamped``.
-    """
-
-    envelopes: Float64Array
-    normalised: Float64Array
-    cocontraction: Float64Array
-    trusted: BoolArray
-    bursts: list[Burst]
-    peaks: list[EmgPeak]
-    levels: Levels
-    runs: list[list[int]]
-    maxima: tuple[float, ...]
-    reference: float
-    on: float
-    off: float
-    mvc_ratio: float
-    above_mvc_count: int
-    quality: tuple[SampleQuality, ...]
-    mvc_quality: tuple[SampleQuality, ...]
+    envelopes: Float64Array  # s_i, the samples' unit, shape (muscles, n)
+    normalised: Float64Array  # s_i^N of eq. (1), dimensionless, shape (muscles, n).
+    cocontraction: Float64Array  # s_CC^N of eq. (3), dimensionless, shape (n,).
+    trusted: BoolArray  # Where no sample of the RMS window was lost, shape (n,)
+    bursts: list[Burst]  # Contractions with a peak in a trusted part
+    peaks: list[EmgPeak]  # Peaks in trusted parts
+    levels: Levels  # Level of each peak
+    runs: list[list[int]]  # Levels in order, split where samples were lost, so that no transition spans a gap
+    maxima: tuple[float, ...]  # s_i^max, the samples' unit
+    reference: float  # Denominator of eq. (3), the samples' unit.
+    on: float  # Co-contraction at which a burst begins, dimensionless
+    off: float  # Below which it ends
+    mvc_ratio: float  # Envelope at MVC over that at rest, of the muscle where it is least
+    above_mvc_count: int  # Trusted values of co-contraction above 1
+    quality: tuple[SampleQuality, ...]  # Of each muscle's trial
+    mvc_quality: tuple[SampleQuality, ...]  # Of each muscle's MVC
+    # What is wrong: a flag of a trial's sample quality, the same with `mvc_` before it, and `no_rest`
+    # (silent, so nothing to hold the MVC against), `mvc_too_small`, `above_mvc`, `level_clamped`
     flags: tuple[str, ...]
 
 

@@ -123,16 +123,7 @@ class ChainSummary:
 def fit_chain(
     trials: Sequence[Sequence[int]], level_count: int, *, prior_count: float = 0.5
 ) -> ChainPosterior:
-    """Return the posterior of the chain that made the levels of these trials; none spans two trials.
-
-    Args:
-        trials: Level indices, one sequence per trial.
-        level_count: Number of levels n.
-        prior_count: As of :class:`ChainPosterior`.
-
-    Raises:
-        PerceptionError: A level is out of range, or there is no transition.
-    """
+    """Return the posterior of the chain that made the levels of these trials; none spans two trials."""
     counts = count_transitions(trials, level_count)
     if counts.sum() == 0.0:
         raise PerceptionError(
@@ -144,17 +135,7 @@ def fit_chain(
 def summarise(
     posterior: ChainPosterior, rng: np.random.Generator, *, draw_count: int = 1000, mass: float = 0.95
 ) -> ChainSummary:
-    """Return what a posterior says.
-
-    Args:
-        posterior: Counts and prior.
-        rng: Draws the matrices of the intervals.
-        draw_count: How many.
-        mass: Probability inside the intervals.
-
-    Raises:
-        PerceptionError: ``mass`` is not inside (0, 1), or there are fewer than 2 draws.
-    """
+    """Return what a posterior says."""
     if not 0.0 < mass < 1.0 or draw_count < 2:
         raise PerceptionError(f"intervals of mass {mass} over {draw_count} draws; need 0 < mass < 1, 2 draws")
     matrix = posterior.matrix

@@ -108,13 +108,9 @@ declare_task(
 )
 @dataclass(frozen=True)
 class FixedRing:
-    """Keep one ring position for the whole trial.
+    """Keep one ring position for the whole trial."""
 
-    Attributes:
-        ring_m: That position, m.
-    """
-
-    ring_m: float = 0.016
+    ring_m: float = 0.016  # That position, m
 
     @property
     def rings_m(self) -> tuple[float, ...]:
@@ -139,13 +135,9 @@ class FixedRing:
 )
 @dataclass(frozen=True)
 class UniformRings:
-    """Draw every ring position with equal probability, whatever was felt.
+    """Draw every ring position with equal probability, whatever was felt."""
 
-    Attributes:
-        rings_m: Positions to draw from, m.
-    """
-
-    rings_m: tuple[float, ...] = figure5.RINGS_M
+    rings_m: tuple[float, ...] = figure5.RINGS_M  # Positions to draw from, m
 
     def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
         return RingChoice.at(np.asarray(uniform()) * len(self.rings_m))

@@ -54,13 +54,9 @@ class Timing:
 )
 @dataclass(frozen=True)
 class Reposition:
-    """Keep one ring position but land on it anew before every probe, so that its error averages out.
+    """Keep one ring position but land on it anew before every probe, so that its error averages out."""
 
-    Attributes:
-        ring_m: That position, m.
-    """
-
-    ring_m: float = 0.016
+    ring_m: float = 0.016  # That position, m
 
     @property
     def rings_m(self) -> tuple[float, ...]:
@@ -84,17 +80,11 @@ class Reposition:
 )
 @dataclass(frozen=True)
 class EmgDriven:
-    """Follow the co-contraction of a person who palpates at the same time.
+    """Follow the co-contraction of a person who palpates at the same time."""
 
-    Attributes:
-        heard: Level of the latest burst, as an index; None before the first.
-        start_level: Level until then (assumed: the middle).
-        rings_m: Ring position of each level, m; Table 6.
-    """
-
-    heard: int | None = None
-    start_level: int = 2
-    rings_m: tuple[float, ...] = figure5.RINGS_M
+    heard: int | None = None  # Level of the latest burst, as an index; None before the first
+    start_level: int = 2  # Level until then (assumed: the middle)
+    rings_m: tuple[float, ...] = figure5.RINGS_M  # Ring position of each level, m; Table 6
 
     def __post_init__(self) -> None:
         for level in (self.start_level, *([] if self.heard is None else [self.heard])):

@@ -49,16 +49,7 @@ def begin_sweep(belief: TraceBelief, setting: int, *, landed: bool) -> TraceBeli
 
 
 def observe(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> TraceBelief:
-    """Return the belief after the next bins of the sweep under way.
-
-    Args:
-        model: What sweeps look like.
-        belief: Before them.
-        torque_n_m: Mean torque of each, shape (n, bins), or (bins,) for all trials alike.
-
-    Raises:
-        PerceptionError: No sweep was begun, it has no such bins, or a torque is not finite.
-    """
+    """Return the belief after the next bins of the sweep under way."""
     return observe_stepwise(model, belief, torque_n_m)[0]
 
 

@@ -155,15 +155,6 @@ def model_of(
     """Return the model of a method of task ``trace_filter``.
 
     The texture is that of training's mountings where there are several, else the one that is assumed.
-
-    Args:
-        name: The method.
-        trained: What training taught.
-        known: What else is known, at the trained depths.
-        grid: Depths to decide among; None: the trained ones.
-
-    Raises:
-        MethodError: There is no such method.
     """
     texture = _texture(trained, known)
     if grid is not None:

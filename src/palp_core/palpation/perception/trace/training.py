@@ -48,18 +48,7 @@ def learn(
     *,
     floor_n_m: float,
 ) -> TrainedTraces:
-    """Return what training sweeps teach.
-
-    Args:
-        traces_n_m: Their torques by position, shape (p, b).
-        depth_m: Depth of each, length p.
-        ring_m: Ring position of each, length p.
-        mounting: Number of the mounting that each was felt in, length p.
-        floor_n_m: Least scatter of a bin: what the sensor's steps make of it.
-
-    Raises:
-        PerceptionError: A cell without a sweep, or a torque that is not finite.
-    """
+    """Return what training sweeps teach."""
     felt = np.asarray(traces_n_m, dtype=np.float64)
     if felt.ndim != 2 or not np.isfinite(felt).all():
         raise PerceptionError("training sweeps differ in length, or hold a NaN; drop those")

@@ -6,8 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.statistics.anova import NotTestable, bonferroni, permutation, two_way
-from palp_core.palpation.perception.statistics.mixed_logit import mixed_logit
+from palp_core.palpation.perception.statistics.anova import (
+    NotTestable,
+    bonferroni,
+    mixed_logit,
+    permutation,
+    two_way,
+)
 from palp_core.palpation.perception.statistics.resampling import SessionMean, cluster_bootstrap, compare
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT
 from palp_core.palpation.studies.simulation.policies import FIXED
