@@ -5,23 +5,21 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from msgs.experiment import Mount, PhantomTruth, WorldTruth
-from msgs.torque import ContactGuard
-from palp_core import Params, Pub, ReadOnly, Sub, every, on
+from msgs.experiment import Mount
+from nodes.phantom import SimulatedPhantom
+from palp_core import Params, ReadOnly, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
 from palp_core.palpation.devices.emulator.contact import ContactSettings, GuardMet
-from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
-from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
+from palp_core.palpation.session.methods.reporter import MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.world.draws import name_offsets
 from palp_core.palpation.world.model import read_world
 from palp_core.units import (
     Count,
@@ -78,17 +76,12 @@ class EmulatedPhantomState(MethodReporterState):
     remount: int = 0
 
 
-class EmulatedPhantom(MethodReporter):
+class EmulatedPhantom(SimulatedPhantom):
     """Start stage, ring, sensor and amplifier as their wires show them, and change the phantom."""
 
-    simulates = True
     examine = staticmethod(file_mistakes)
     params: EmulatedPhantomParams
     state: EmulatedPhantomState
-    mount = Sub(Mount)
-    truth = Pub(PhantomTruth)
-    guard = Pub(ContactGuard)
-    world_truth = Pub(WorldTruth)
 
     def on_configure(self) -> None:
         p = self.params
@@ -136,35 +129,16 @@ class EmulatedPhantom(MethodReporter):
     def on_shutdown(self) -> None:
         self.rig.stop()
 
-    @on(mount)
+    @on(SimulatedPhantom.mount)
     def put_on(self, mount: Mount) -> None:
         self.tell_guards()  # they are of the phantom that is taken off
-        height_m = MountVariation(height_sd_m=self.height_sd_m).draw(self.rng).height_m
+        height_m = self.draw_height_m(self.height_sd_m)
         self.rig.call(lambda _: self.rig.contact.mount(mount.code, height_m))
-        touched, self.state.code, self.state.remount = self.rig.contact.rig, mount.code, mount.remount
-        bead, choice = touched.phantoms[mount.code].bead, touched.choices[mount.code]
-        self.truth.publish(
-            PhantomTruth(
-                stamp_ns=self.now_ns(),
-                code=mount.code,
-                remount=mount.remount,
-                depth_m=bead.depth_m if bead is not None else 0.0,
-                height_offset_m=height_m,
-                rung=choice.method.name,
-                bound=choice.bound or 0.0,
-            )
-        )
+        self.state.code, self.state.remount = mount.code, mount.remount
+        self.publish_truth(mount, self.rig.contact.rig, height_m)
         world = self.rig.contact.settings.world
-        if not world.plain:  # see the simulated phantom
-            row = self.rig.call(lambda _: self.rig.contact.latents())
-            told = WorldTruth(
-                stamp_ns=self.now_ns(),
-                world=world.name,
-                code=mount.code,
-                remount=mount.remount,
-                **name_offsets(row),
-            )
-            self.world_truth.publish(told)
+        if not world.plain:
+            self.publish_offsets(mount, world, self.rig.call(lambda _: self.rig.contact.latents()))
 
     @every("guard_hz")
     def tell_guards(self) -> None:
@@ -172,15 +146,7 @@ class EmulatedPhantom(MethodReporter):
         if self.rig.contact.swept_m_s not in (0.0, self.told_m_s):
             self.publish_methods(self.uses())
         for met in self.rig.call(self._taken):
-            self.guard.publish(
-                ContactGuard(
-                    stamp_ns=self.now_ns(),
-                    code=met.code,
-                    remount=self.state.remount,
-                    ring_m=met.ring_m,
-                    words=list(met.words),
-                )
-            )
+            self.publish_guard(met.code, self.state.remount, met.ring_m, met.words)
 
     def _taken(self, _: int) -> list[GuardMet]:
         guards = self.rig.contact.guards

@@ -26,6 +26,9 @@ from palp_core.palpation.session import plan
 from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
 
+Word = Literal["done", "continue", "decided", "undecided", "dropped", "failed"]
+"""What came of a step, for the plan."""
+
 
 class Experiment(Node):
     """Ask the plan for the next step, do it, and tell the plan what came of it."""
@@ -115,9 +118,7 @@ class Experiment(Node):
             state.home_again = False
         return True
 
-    def _do(
-        self, step: plan.Step
-    ) -> Literal["done", "continue", "decided", "undecided", "dropped", "failed"] | None:
+    def _do(self, step: plan.Step) -> Word | None:
         match step:
             case plan.MountPhantom():
                 return self._mount_phantom(step)
@@ -134,7 +135,7 @@ class Experiment(Node):
             case plan.Palpate():
                 return self._palpate(step)
 
-    def _mount_phantom(self, step: plan.MountPhantom) -> Literal["done"] | None:
+    def _mount_phantom(self, step: plan.MountPhantom) -> Word | None:
         state = self.state
         if not state.commanded:
             state.commanded, state.code = True, ""
@@ -143,7 +144,7 @@ class Experiment(Node):
         state.commanded = state.code != step.phantom
         return None if state.commanded else "done"
 
-    def _rehome(self) -> Literal["done"] | None:
+    def _rehome(self) -> Word | None:
         state = self.state
         if not state.commanded:
             state.commanded, state.rehomed = True, False
@@ -153,7 +154,7 @@ class Experiment(Node):
         state.commanded = not state.rehomed
         return "done" if state.rehomed else None
 
-    def _wait(self, step: plan.Wait) -> Literal["done"] | None:
+    def _wait(self, step: plan.Wait) -> Word | None:
         state = self.state
         if not state.commanded:
             state.commanded, state.waited = True, False
@@ -161,9 +162,7 @@ class Experiment(Node):
         state.commanded = not state.waited
         return "done" if state.waited else None
 
-    def _palpate(
-        self, step: plan.Palpate
-    ) -> Literal["done", "continue", "decided", "undecided", "dropped"] | None:
+    def _palpate(self, step: plan.Palpate) -> Word | None:
         state, now_ns = self.state, self.now_ns()
         state.iteration = step.iteration
         if not state.trial_announced:

@@ -23,13 +23,9 @@ POLICY = "policy"
 
 def taking_over(swaps: str) -> list[str]:
     """Return the classes of ``TRIAL=MODULE:CLASS,...`` by trial; another form is refused elsewhere."""
-    entries = [(number.strip(), run.strip()) for number, sign, run in map(_split, swaps.split(",")) if sign]
-    entries.sort(key=lambda entry: int(entry[0]) if entry[0].isdecimal() else 0)
-    return [run for _, run in entries]
-
-
-def _split(entry: str) -> tuple[str, str, str]:
-    return entry.partition("=")
+    entries = [entry.partition("=") for entry in swaps.split(",") if "=" in entry]
+    entries.sort(key=lambda entry: int(entry[0]) if entry[0].strip().isdecimal() else 0)
+    return [run.strip() for *_, run in entries]
 
 
 SwappedIn = Annotated[str, msgspec.Meta(extra={"successors": (POLICY, taking_over)})]

@@ -1,5 +1,7 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
+from collections.abc import Sequence
+
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
@@ -7,20 +9,20 @@ from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import at_work
-from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.joint import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
-from palp_core.palpation.mechanics.scene.rig import rig
+from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.world.draws import SessionSweeps, SessionWorld, derive_seed, name_offsets, open_world
-from palp_core.palpation.world.model import read_world
+from palp_core.palpation.world.model import WorldModel, read_world
 from palp_core.palpation.world.trace import WorldTrace
 from palp_core.units import (
+    Float64Array,
     Kilograms,
     Metres,
     Millimetres,
@@ -32,6 +34,53 @@ from palp_core.units import (
 MARGIN_M = 0.002
 SPEED_M_S = 0.02
 """The published one, until a block of poses tells."""
+
+
+class SimulatedPhantom(MethodReporter):
+    """What a simulated phantom says of itself, in whatever rig it is put on."""
+
+    simulates = True
+    mount = Sub(Mount)
+    truth = Pub(PhantomTruth)
+    guard = Pub(ContactGuard)
+    world_truth = Pub(WorldTruth)
+
+    def draw_height_m(self, sd_m: float) -> float:
+        """Return how much higher than nominal the surface lies this time; two numbers are drawn."""
+        return sd_m * float(self.rng.standard_normal(2)[0])
+
+    def publish_truth(self, mount: Mount, rig: Rig, height_m: float) -> None:
+        """Publish what the phantom is that was put on, and which contact model stands for it."""
+        bead, choice = rig.phantoms[mount.code].bead, rig.choices[mount.code]
+        self.truth.publish(
+            PhantomTruth(
+                stamp_ns=self.now_ns(),
+                code=mount.code,
+                remount=mount.remount,
+                depth_m=bead.depth_m if bead is not None else 0.0,
+                height_offset_m=height_m,
+                rung=choice.method.name,
+                bound=choice.bound or 0.0,
+            )
+        )
+
+    def publish_offsets(self, mount: Mount, world: WorldModel, row: Float64Array) -> None:
+        """Publish what this mounting is off by in its world."""
+        self.world_truth.publish(
+            WorldTruth(
+                stamp_ns=self.now_ns(),
+                world=world.name,
+                code=mount.code,
+                remount=mount.remount,
+                **name_offsets(row),
+            )
+        )
+
+    def publish_guard(self, code: str, remount: int, ring_m: float, words: Sequence[str]) -> None:
+        """Publish in which regions sweeps over this mounting meet a method that fails."""
+        self.guard.publish(
+            ContactGuard(stamp_ns=self.now_ns(), code=code, remount=remount, ring_m=ring_m, words=list(words))
+        )
 
 
 class PhantomParams(Params):
@@ -78,20 +127,15 @@ class PhantomState(MethodReporterState):
     goal_from_m: float = 0.0
 
 
-class Phantom(MethodReporter):
+class Phantom(SimulatedPhantom):
     """Answer poses with the torque of the equilibrium, solved once per ring position, mount and direction."""
 
-    simulates = True
     examine = staticmethod(file_mistakes)
     params: PhantomParams
     state: PhantomState
-    mount = Sub(Mount)
     ring = Sub(RingTruth)
     pose = Sub(StagePose)
     contact = Pub(Contact)
-    truth = Pub(PhantomTruth)
-    guard = Pub(ContactGuard)
-    world_truth = Pub(WorldTruth)
 
     def on_configure(self) -> None:
         params = self.params
@@ -117,41 +161,20 @@ class Phantom(MethodReporter):
     def uses(self) -> list[MethodUse]:
         return rig_uses(self.rig, self.state.speed_m_s or None, self.world)
 
-    @on(mount)
+    @on(SimulatedPhantom.mount)
     def put_on(self, mount: Mount) -> None:
         phantoms = self.rig.phantoms
         if mount.code not in phantoms:
             raise ValueError(f"no phantom '{mount.code}'; there are {', '.join(sorted(phantoms))}")
-        variation = MountVariation(height_sd_m=self.height_sd_m)
         state = self.state
         state.code, state.remount = mount.code, mount.remount
-        state.height_offset_m = variation.draw(self.rng).height_m
+        state.height_offset_m = self.draw_height_m(self.height_sd_m)
         self._forget()
-        bead, choice = phantoms[mount.code].bead, self.rig.choices[mount.code]
-        self.truth.publish(
-            PhantomTruth(
-                stamp_ns=self.now_ns(),
-                code=mount.code,
-                remount=mount.remount,
-                depth_m=bead.depth_m if bead is not None else 0.0,
-                height_offset_m=state.height_offset_m,
-                rung=choice.method.name,
-                bound=choice.bound or 0.0,
-            )
-        )
-        if self.world.plain:
-            return
-        state.world_seed = state.world_seed or derive_seed(self.rng)
-        row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
-        self.world_truth.publish(
-            WorldTruth(
-                stamp_ns=self.now_ns(),
-                world=self.world.name,
-                code=mount.code,
-                remount=mount.remount,
-                **name_offsets(row),
-            )
-        )
+        self.publish_truth(mount, self.rig, state.height_offset_m)
+        if not self.world.plain:
+            state.world_seed = state.world_seed or derive_seed(self.rng)
+            row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
+            self.publish_offsets(mount, self.world, row)
 
     @on(ring)
     def stiffen(self, ring: RingTruth) -> None:
@@ -248,12 +271,4 @@ class Phantom(MethodReporter):
         words = list(self.rig.met(state.code, table.solved, state.speed_m_s or None))
         if (words or again) and (again or not state.guard_told):
             state.guard_told = True
-            self.guard.publish(
-                ContactGuard(
-                    stamp_ns=self.now_ns(),
-                    code=state.code,
-                    remount=state.remount,
-                    ring_m=state.ring_m,
-                    words=words,
-                )
-            )
+            self.publish_guard(state.code, state.remount, state.ring_m, words)

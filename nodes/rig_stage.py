@@ -7,30 +7,15 @@ import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
 from msgs.stage import SweepGoal
-from nodes.stage import (
-    Stage,
-    StageParams,
-    StageState,
-    device_options,
-    require_clearance,
-    stage_mistakes,
-    window_of,
-)
+from nodes.stage import Stage, StageParams, StageState, window_of
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.blocks import block_mistakes
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.protocols import StageFeedback, StageOptions
-from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.palpation.devices.stage.position_history import crossing_ns
-from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.units import (
-    DeadlineMilliseconds,
-    HertzPositive,
-    MetresPerSecondPositive,
-)
+from palp_core.units import DeadlineMilliseconds, HertzPositive, MetresPerSecondPositive
 
 AGAIN_NS = 5_000_000
 LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls
@@ -44,12 +29,10 @@ class RigStageParams(StageParams):
 
     The travel window is the sweep's path, the place of rest, and ``margin_mm``. ``beat_ms`` is how long the
     stage goes on without a word of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
-    as nobody knows how the probe lies. ``device`` is the stage's driver, ``options`` what it takes beyond
-    :class:`.StageOptions`: the safety node is given both, too.
+    as nobody knows how the probe lies. The safety node is given ``device`` and ``options``, too.
     """
 
     device: ReadOnly[str]
-    options: ReadOnly[dict[str, Any]] = {}
     retreat_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.002
     watch_hz: ReadOnly[HertzPositive] = 100.0
     beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
@@ -61,21 +44,10 @@ class RigStageState(StageState):
     acknowledged_count: int = 0
 
 
-def mistakes(params: RigStageParams) -> dict[str, str]:
-    """Return what is wrong with the parameters, by parameter; "" for what concerns several."""
-    if found := file_mistakes(params):
-        return found
-    if twice := sorted(set(StageOptions.__struct_fields__) & set(params.options)):
-        return {"options": f"{', '.join(twice)}: the node's own parameters say this; remove it from options"}
-    found = stage_mistakes(params) | block_mistakes(params.block_samples, params.rate_hz)
-    return found or device_mistakes("stage", params.device, {**device_options(params), **params.options})
-
-
 class RigStage(Stage):
     """Move only while the safety node permits it; a sweep that was stopped is cancelled, not resumed."""
 
     LAG_NS: ClassVar[int] = LAG_NS
-    examine = staticmethod(mistakes)
     params: RigStageParams
     state: RigStageState
     safety = Sub(SafetyBeat)
@@ -83,10 +55,8 @@ class RigStage(Stage):
     watch = Timer(hz="watch_hz", running=True)
 
     def on_configure(self) -> None:
-        p = self.params
-        require_clearance(p)
-        self.device = open_device("stage", p.device, **device_options(p), **p.options)
-        self.permit = MotionPermit(p.beat_ms * 1e-3)
+        super().on_configure()
+        self.permit = MotionPermit(self.params.beat_ms * 1e-3)
         self.permits_sweep, self.check_ns = False, 0
         self.waiting: list[SweepGoal] = []
         self.trouble = ""

@@ -17,12 +17,7 @@ from palp_core.palpation.devices.protocols import TorqueSensor
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.seen_rate import SeenRate
 from palp_core.palpation.nano17 import RANGE_N_M
-from palp_core.units import (
-    CountPositive,
-    HertzPositive,
-    MillisecondsPositive,
-    NewtonMillimetresPositive,
-)
+from palp_core.units import CountPositive, HertzPositive, MillisecondsPositive, NewtonMillimetresPositive
 
 LARGEST_N_M, LARGEST_N = 1e3, 1e4  # what a message can say
 

@@ -1,7 +1,6 @@
 """Sweep the probe over the phantom at constant speed, and return by another path."""
 
 import math
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import msgspec
@@ -36,10 +35,12 @@ class StageParams(Params):
 
     ``scene`` is the scene file that says how deep the probe enters the gel (empty: the default scene), which
     ``lift_mm``, the height of the way back, must clear.
+    ``device`` is the stage's driver, ``options`` what it takes beyond :class:`.StageOptions`.
     ``within_sweep``: somebody acts on torque while a sweep lasts, for whom long blocks are late.
     """
 
     device: ReadOnly[str] = "sim"
+    options: ReadOnly[dict[str, Any]] = {}
     scene: ReadOnly[str] = ""
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     rate_hz: HertzPositive = 1000.0
@@ -63,64 +64,42 @@ class StageParams(Params):
         return "torque" if self.within_sweep else "sweep"
 
 
-def scanning_path(params: Any) -> StagePath:
-    """Return the scene's path, which says how deep the probe is at the scanning height.
-
-    Raises:
-        MechanicsError: The scene cannot be read.
-    """
-    return read_scene(params.scene).path if params.scene else StagePath()
-
-
-def require_clearance(params: Any) -> None:
-    """Refuse a lift at which the raised probe would be dragged through the scene's gel.
-
-    Raises:
-        DeviceError: It is one.
-        MechanicsError: The scene cannot be read.
-    """
-    check_lift(params.lift_mm * 1e-3, scanning_path(params).indentation_m)
+def require_clearance(params: StageParams) -> None:
+    """Refuse a lift at which the raised probe would be dragged through the scene's gel."""
+    path = read_scene(params.scene).path if params.scene else StagePath()
+    check_lift(params.lift_mm * 1e-3, path.indentation_m)
 
 
 def device_options(params: StageParams) -> dict[str, Any]:
-    """Return what every stage's driver is handed.
-
-    Raises:
-        DeviceError: The window or a speed is out of range.
-    """
-    return msgspec.structs.asdict(
-        StageOptions(
-            limits=window_of(params),
-            sweep_speed_m_per_s=params.sweep_speed_m_s,
-            lift_speed_m_per_s=params.lift_speed_m_s,
-            lift_m=params.lift_mm * 1e-3,
-        )
+    """Return what the stage's driver is handed: by every stage's node, and its own options."""
+    handed = StageOptions(
+        limits=window_of(params),
+        sweep_speed_m_per_s=params.sweep_speed_m_s,
+        lift_speed_m_per_s=params.lift_speed_m_s,
+        lift_m=params.lift_mm * 1e-3,
     )
-
-
-def stage_mistakes(params: StageParams) -> dict[str, str]:
-    """Return what is wrong with the stage's height, window and speeds, by parameter; "" for several."""
-    found = {}
-    checks: tuple[tuple[str, Callable[[], object]], ...] = (
-        ("lift_mm", lambda: require_clearance(params)),
-        ("", lambda: device_options(params)),
-    )
-    for name, check in checks:
-        try:
-            check()
-        except DeviceError as error:
-            found[name] = str(error)
-    return found
+    return {**msgspec.structs.asdict(handed), **params.options}
 
 
 def window_of(params: StageParams) -> TravelLimits:
-    """Return where a stage may go and how fast, by the launch file.
-
-    Raises:
-        DeviceError: The window or the speed is out of range.
-    """
+    """Return where a stage may go and how fast, by the launch file."""
     margin_m, lift_m = params.margin_mm * 1e-3, params.lift_mm * 1e-3
     return TravelLimits.around(params.from_m, params.to_m, margin_m, lift_m, params.speed_m_s)
+
+
+def mistakes(params: StageParams) -> dict[str, str]:
+    """Return what is wrong with the parameters, by parameter; "" for what concerns several."""
+    if found := file_mistakes(params):
+        return found
+    if twice := sorted(set(StageOptions.__struct_fields__) & set(params.options)):
+        return {"options": f"{', '.join(twice)}: the node's own parameters say this; remove it from options"}
+    for name, check in (("lift_mm", require_clearance), ("", device_options)):
+        try:
+            check(params)
+        except DeviceError as error:
+            found[name] = str(error)
+    found |= block_mistakes(params.block_samples, params.rate_hz)
+    return found or device_mistakes("stage", params.device, device_options(params))
 
 
 class StageState(DeviceNodeState):
@@ -143,6 +122,7 @@ class Stage(DeviceNode):
 
     LAG_NS: ClassVar[int] = 0
     moves = True
+    examine = staticmethod(mistakes)
     params: StageParams
     state: StageState
     device: StageDevice[Any]
@@ -152,15 +132,6 @@ class Stage(DeviceNode):
     block = Timer(hz="block_hz")
     ending = Alarm()
     arrival = Alarm()
-
-    @staticmethod
-    def examine(params: Any) -> dict[str, str]:
-        if found := file_mistakes(params):
-            return found
-        if found := stage_mistakes(params):
-            return found
-        too_long = block_mistakes(params.block_samples, params.rate_hz)
-        return too_long | device_mistakes("stage", params.device, device_options(params))
 
     def on_configure(self) -> None:
         require_clearance(self.params)

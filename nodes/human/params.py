@@ -1,5 +1,6 @@
 """What a session with a person is set to do, what its node remembers, and its design."""
 
+from dataclasses import fields
 from typing import Literal
 
 import msgspec
@@ -8,12 +9,7 @@ from msgs.emg import EmgBlock
 from palp_core import Params, ReadOnly, State
 from palp_core.errors import MechanicsError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import (
-    is_sealed,
-    own_codes,
-    require_sealable,
-    sealed_phantoms,
-)
+from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, require_sealable, sealed_phantoms
 from palp_core.palpation.session.human.blinding import key_of
 from palp_core.palpation.session.human.plan import HumanDesign
 from palp_core.palpation.session.human.questions import AnswerForm
@@ -122,20 +118,9 @@ def design_of(params: HumanParams) -> HumanDesign:
         PerceptionError: The numbers do not fit together.
     """
     phantoms, sealed = phantoms_of(params)
-    return HumanDesign(
-        phantoms=phantoms,
-        sealed=sealed,
-        order=params.order,
-        subject_number=params.subject_number,
-        seed=params.seed,
-        repeats=params.repeats,
-        limit_s=params.limit_s,
-        rest_s=params.rest_s,
-        quiet_s=params.quiet_s,
-        mvc_s=params.mvc_s,
-        mass_kg=params.mvc_kg,
-        mvc_tries=params.mvc_tries,
-    )
+    names = {one.name for one in fields(HumanDesign)} & {*HumanParams.__struct_fields__} - {"phantoms"}
+    given = {name: getattr(params, name) for name in names}
+    return HumanDesign(phantoms=phantoms, sealed=sealed, mass_kg=params.mvc_kg, **given)
 
 
 def mistakes(params: HumanParams) -> dict[str, str]:

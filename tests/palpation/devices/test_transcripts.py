@@ -14,10 +14,9 @@ from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
 from palp_core.palpation.devices.emulator.axis import Axes, Axis, AxisSettings
-from palp_core.palpation.devices.emulator.emg import Noraxon
+from palp_core.palpation.devices.emulator.emg import Http, Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.ports import DeviceSide, TcpPort

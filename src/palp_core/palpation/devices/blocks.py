@@ -41,12 +41,7 @@ WANTED: dict[Stream, Wanted] = {
 
 
 def block_mistakes(block_samples: int, rate_hz: float) -> dict[str, str]:
-    """Return why blocks cannot be so long, by parameter; empty if they can.
-
-    Args:
-        block_samples: Samples of a block.
-        rate_hz: Of the samples.
-    """
+    """Return why blocks cannot be so long, by parameter; empty if they can."""
     length_s = block_samples / rate_hz
     if length_s <= LONGEST_S:
         return {}
@@ -58,24 +53,13 @@ def block_mistakes(block_samples: int, rate_hz: float) -> dict[str, str]:
 
 
 def longest_s(stream: Stream, *, wall_clock: bool) -> float:
-    """Return how long a stream's blocks can be so that none is late for its reader, in s.
-
-    Args:
-        stream: What travels in them.
-        wall_clock: Whether they are under way for a time, too.
-    """
+    """Return how long a stream's blocks can be so that none is late for its reader, in s."""
     wanted = WANTED[stream]
     return wanted.age_s - (wanted.under_way_s if wall_clock else 0.0)
 
 
 def late_blocks(stream: Stream, length_s: float, *, wall_clock: bool) -> str:
-    """Return in words that a stream's blocks are longer than its reader can wait; "" if they are not.
-
-    Args:
-        stream: What travels in them.
-        length_s: How long they are, in s.
-        wall_clock: Whether they are under way for a time, too.
-    """
+    """Return in words that a stream's blocks are longer than its reader can wait; "" if they are not."""
     wanted, most_s = WANTED[stream], longest_s(stream, wall_clock=wall_clock)
     if length_s <= most_s * (1.0 + 1e-9):
         return ""

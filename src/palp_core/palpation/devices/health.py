@@ -44,9 +44,6 @@ class HealthMonitor:
 
     A condition that is reported stays until another is. ``stale`` is not reported but follows from silence:
     nothing fresh for longer than ``stale_s`` while all else is well.
-
-    Args:
-        stale_s: Longest silence, in s; 0 for a device that need not speak.
     """
 
     def __init__(self, stale_s: float) -> None:

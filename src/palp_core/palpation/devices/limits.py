@@ -14,33 +14,14 @@ CLEARANCE_M = 0.5e-3
 
 
 def check_range(where: str, quantity: str, value: float, low: float, high: float) -> float:
-    """Return ``value`` if it lies in [``low``, ``high``]; NaN never does.
-
-    Args:
-        where: The device, as a person calls it.
-        quantity: Name with its unit, as in ``target_m``.
-        value: What was asked, in that unit.
-        low: Smallest allowed value, finite.
-        high: Largest allowed value, finite.
-
-    Raises:
-        DeviceError: The value is NaN, infinite or outside of the limits.
-    """
+    """Return ``value`` if it lies in [``low``, ``high``]; NaN never does."""
     if not low <= value <= high:
         raise DeviceError(f"{where}: {quantity} = {value:.9g} must lie in [{low:.9g}, {high:.9g}]")
     return value
 
 
 def check_lift(lift_m: float, indentation_m: float) -> None:
-    """Refuse a height of the way back at which the probe would still touch the gel.
-
-    Args:
-        lift_m: Height of the way back above the scanning height.
-        indentation_m: How deep the probe is in the gel at the scanning height.
-
-    Raises:
-        DeviceError: It would be dragged through the gel while it counts as raised, or is no number.
-    """
+    """Refuse a height of the way back at which the probe would still touch the gel."""
     check_range("stage", "lift_m", lift_m, 0.0, 1.0)
     needed_m = max(indentation_m, 0.0) + CLEARANCE_M
     if lift_m < needed_m - 1e-9:
@@ -77,21 +58,13 @@ class TravelLimits:
     def around(
         cls, from_m: float, to_m: float, margin_m: float, lift_m: float, speed_m_per_s: float = 0.050
     ) -> Self:
-        """Return the window of a sweep: its path, the place of rest at 0, and a margin but for downwards.
-
-        Raises:
-            DeviceError: A number is not finite or out of range.
-        """
+        """Return the window of a sweep: its path, the place of rest at 0, and a margin but for downwards."""
         check_range("stage", "margin_m", margin_m, 0.0, 0.1)
         low, high = min(from_m, to_m, 0.0) - margin_m, max(from_m, to_m, 0.0) + margin_m
         return cls((low, high), (0.0, lift_m + margin_m), speed_m_per_s)
 
     def check(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> None:
-        """Refuse a straight move that leaves the window anywhere, or is too fast.
-
-        Raises:
-            DeviceError: It does; the start counts too, as the way from outside is not known to be free.
-        """
+        """Refuse a straight move that leaves the window anywhere, or is too fast."""
         low, high = self.y_m if axis == "y" else self.z_m
         slack_m = 50e-6  # a feedback that jitters about the window's edge
         check_range("stage", f"{axis} of the start of a move, m", from_m, low - slack_m, high + slack_m)
@@ -174,11 +147,7 @@ class DutyCycle:
         self._runs: deque[tuple[int, int]] = deque()
 
     def start_ns(self, now_ns: int, run_ns: int) -> int:
-        """Return the first time from ``now_ns`` on at which a run of ``run_ns`` keeps within the budget.
-
-        Raises:
-            DeviceError: It never does: it is longer than the whole budget.
-        """
+        """Return the first time from ``now_ns`` on at which a run of ``run_ns`` keeps within the budget."""
         check_range("duty cycle", "run_ns", run_ns, 0, self._budget_ns)
         while self._runs and self._runs[0][1] <= now_ns - self._window_ns:
             self._runs.popleft()

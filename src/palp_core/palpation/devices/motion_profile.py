@@ -31,9 +31,6 @@ class MotionProfile:
         accel_m_per_s2: Magnitude of acceleration and deceleration, > 0.
         start_ns: Time at which the move starts.
         entry_speed_m_per_s: Speed at ``start_ns``, towards ``end_m``; 0 for a start from rest.
-
-    Raises:
-        DeviceError: A parameter is not finite or out of range, or the move is too short to come to rest.
     """
 
     start_m: float
@@ -106,11 +103,7 @@ class MotionProfile:
         return self._sign * min(self._peak_m_per_s, speeding, slowing)
 
     def crossing_s(self, position_m: float) -> float:
-        """Return the time after ``start_ns`` at which the move passes ``position_m``, in s.
-
-        Raises:
-            DeviceError: The move does not pass there.
-        """
+        """Return the time after ``start_ns`` at which the move passes ``position_m``, in s."""
         low, high = sorted((self.start_m, self.end_m))
         check_range("move", "position_m", position_m, low - _ROUNDING_M, high + _ROUNDING_M)
         gone_m, left_m = abs(position_m - self.start_m), abs(self.end_m - position_m)
@@ -122,11 +115,7 @@ class MotionProfile:
         return self._speed_up_s + (gone_m - self._speed_up_m) / max(self._peak_m_per_s, 1e-300)
 
     def interval_ns(self, from_m: float, to_m: float) -> tuple[int, int]:
-        """Return the first and last whole nanosecond at which the move is between two positions.
-
-        Raises:
-            DeviceError: The move does not pass both, or passes them the other way round.
-        """
+        """Return the first and last whole nanosecond at which the move is between two positions."""
         enter_s, leave_s = self.crossing_s(from_m), self.crossing_s(to_m)
         if leave_s < enter_s:
             raise DeviceError(f"move: passes {to_m:g} m before {from_m:g} m; swap the ends of the interval")

@@ -37,11 +37,7 @@ def drivers() -> list[tuple[str, str]]:
 
 
 def known_devices(kind: str) -> list[str]:
-    """Return the names of the devices of a kind.
-
-    Raises:
-        DeviceError: There is no such kind, or no device of any.
-    """
+    """Return the names of the devices of a kind."""
     if kind not in KINDS:
         raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(KINDS))}")
     if not (names := published(DEVICES)):  # a checkout that is newer than its installation
@@ -100,13 +96,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
 def device_mistakes(
     kind: Literal["stage", "ring", "torque", "emg"], name: str, options: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
-    """Return what is wrong with the device of a node, by the node's parameter; no link is opened.
-
-    Args:
-        kind: As for :func:`open_device`.
-        name: The node's parameter ``device``.
-        options: Its parameter ``options``, with what the node itself gives the device; None: not known yet.
-    """
+    """Return what is wrong with the device of a node, by the node's parameter; no link is opened."""
     try:
         back_end(kind, name)
     except DeviceError as error:
@@ -132,11 +122,7 @@ def back_end(kind: str, name: str) -> Any:
 
 
 def kind_of(name: str) -> str:
-    """Return the kind of a device that is no simulation, by its name, or of a class by its methods.
-
-    Raises:
-        DeviceError: There is none of that name, the class cannot be imported, or it is no device.
-    """
+    """Return the kind of a device that is no simulation, by its name, or of a class by its methods."""
     kinds = {known: kind for kind, known in drivers()}
     if name in kinds:
         return kinds[name]
@@ -151,11 +137,7 @@ def kind_of(name: str) -> str:
 
 
 def require_stop_link(name: str) -> None:
-    """Refuse a stage's back end without a second link to its controller.
-
-    Raises:
-        DeviceError: There is no such back end, or it has no second link.
-    """
+    """Refuse a stage's back end without a second link to its controller."""
     if getattr(back_end("stage", name), "stop_link", None) is None:
         raise DeviceError(f"stage device '{name}' has no second link to its controller; give stop_link: none")
 
@@ -169,20 +151,7 @@ def open_stop_link(
     look_hz: float,
     clock: Callable[[], int],
 ) -> StopLink:
-    """Open the second link to a stage's controller, with that stage's own axes.
-
-    Args:
-        name: Of the stage's back end.
-        options: Of its driver.
-        url: Address of the link.
-        timeout_s: Longest wait for an answer.
-        look_hz: How often an axis is asked how it does.
-        clock: Time in ns.
-
-    Raises:
-        DeviceError: As for :func:`open_device`; or the stage has no second link, it does not answer, or the
-            link's class lacks a member.
-    """
+    """Open the second link to a stage's controller, with that stage's own axes."""
     require_stop_link(name)
     stage = open_device("stage", name, **{**msgspec.structs.asdict(StageOptions()), **options})
     assert stage.stop_link is not None
@@ -192,11 +161,7 @@ def open_stop_link(
 
 
 def _require_members(thing: object, protocol: type, who: str) -> None:
-    """Refuse what lacks a member of a protocol.
-
-    Raises:
-        DeviceError: It does; the message names every one.
-    """
+    """Refuse what lacks a member of a protocol."""
     names = {
         name for line in protocol.__mro__ for name in (*vars(line), *vars(line).get("__annotations__", {}))
     }
@@ -208,11 +173,7 @@ def _require_members(thing: object, protocol: type, who: str) -> None:
 
 
 def _converted(where: str, value: Any, wanted: Any) -> Any:
-    """Return a value as the type of its parameter; a whole number, as YAML reads digits, may be a text.
-
-    Raises:
-        DeviceError: It cannot be.
-    """
+    """Return a value as the type of its parameter; a whole number, as YAML reads digits, may be a text."""
     try:
         return msgspec.convert(value, wanted)
     except msgspec.ValidationError as error:

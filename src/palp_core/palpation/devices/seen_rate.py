@@ -8,11 +8,7 @@ TOLERANCE = 0.2
 
 
 class SeenRate:
-    """Counts what comes in the first two seconds.
-
-    Args:
-        rate_hz: How many samples a second are said to come.
-    """
+    """Counts what comes in the first two seconds."""
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
@@ -22,10 +18,6 @@ class SeenRate:
 
     def note(self, now_ns: int, count: int) -> str | None:
         """Count samples; return in words, once, that another number of them comes.
-
-        Args:
-            now_ns: Time on the graph's clock.
-            count: How many came since this was last called.
 
         >>> seen = SeenRate(1000.0)
         >>> seen.note(0, 1), seen.note(1_000_000_000, 200)

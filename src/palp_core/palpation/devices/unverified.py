@@ -11,11 +11,7 @@ class UnverifiedWarning(UserWarning):
 
 
 def not_verified(device: str, advice: Mapping[str, str], verified: Collection[str]) -> dict[str, str]:
-    """Return what in ``advice`` is not ``verified``, by name; ``*`` verifies all (an emulator).
-
-    Raises:
-        DeviceError: ``verified`` names what needs no verification.
-    """
+    """Return what in ``advice`` is not ``verified``, by name; ``*`` verifies all (an emulator)."""
     unknown = set(verified) - set(advice) - {"*"}
     if unknown:
         raise DeviceError(

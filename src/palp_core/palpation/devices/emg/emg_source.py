@@ -29,13 +29,7 @@ class EmgDriver:
     state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
 
     def _receive(self, name: str, rate_hz: float, stale_s: float) -> None:
-        """Make the thread and what it reports to.
-
-        Args:
-            name: The device.
-            rate_hz: Nominal rate.
-            stale_s: Longest silence.
-        """
+        """Make the thread and what it reports to."""
         check_range(name, "rate_hz", rate_hz, 1.0, 1e5)
         check_range(name, "stale_s", stale_s, 1e-3, 60.0)
         self._name = name
@@ -49,11 +43,7 @@ class EmgDriver:
         raise NotImplementedError
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
-        """Connect and begin to receive.
-
-        Raises:
-            DeviceError: The source does not answer, is not as was asked for, or is open already.
-        """
+        """Connect and begin to receive."""
         self._receiver.refuse_if_running()
         self._host.observe(now_ns)
         self._line, self._first = SampleLine(self._line_hz, 2), state.sample_count
@@ -69,11 +59,7 @@ class EmgDriver:
         return self._monitor.read(self._host.now_ns())
 
     def drain(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> EmgSamples:
-        """Return every sample received since the last call.
-
-        Raises:
-            DeviceError: It was never open.
-        """
+        """Return every sample received since the last call."""
         self._host.observe(now_ns)
         if self._line is None:
             raise DeviceError(f"{self._name}: not open; open it first")

@@ -69,11 +69,7 @@ class NoraxonEmg(EmgDriver):
         self._receive("noraxon", self.rate_hz, self.stale_s)
 
     def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
-        """Choose the channels and begin to poll.
-
-        Raises:
-            DeviceError: MR3 does not answer, or its channels and rate are not those asked for.
-        """
+        """Choose the channels and begin to poll."""
         warn_unverified("noraxon", self.UNVERIFIED, self.verified)
         super().open(now_ns, state, rng)
 

@@ -15,14 +15,7 @@ _CLIENTS = count(1)
 
 
 class Aerotech:
-    """One client's conversation with the controller; all clients command the same axes.
-
-    Args:
-        axes: What it commands.
-        names: Names of the axes; ``@n`` is the n-th.
-        always_end: Whether a bare acknowledgement ends with a line feed.
-        refuses_beyond: Whether a move beyond a soft limit is answered ``#``, or accepted and then a fault.
-    """
+    """One client's conversation with the controller; all clients command the same axes."""
 
     def __init__(
         self,

@@ -34,17 +34,7 @@ class AxisSettings:
 
 @dataclass
 class Axis:
-    """An axis at rest or on one straight move.
-
-    Attributes:
-        settings: Parameters.
-        enabled: Whether the amplifier is on.
-        homed: Whether it knows where it is.
-        homing_until_ns: End of the homing under way.
-        fault: Latched faults.
-        estop: Whether the emergency stop is pressed.
-        profile: The move under way or, at rest, the last one.
-    """
+    """An axis at rest or on one straight move."""
 
     settings: AxisSettings
     enabled: bool = False
@@ -168,13 +158,7 @@ class Axis:
 
 @dataclass
 class Axes:
-    """The two axes of the stage, which every client of its controller commands.
-
-    Attributes:
-        y: The axis along the sweep.
-        z: The axis that lifts the probe.
-        log: Every command that the controller got: when, from which client, the line.
-    """
+    """The two axes of the stage, which every client of its controller commands."""
 
     y: Axis
     z: Axis

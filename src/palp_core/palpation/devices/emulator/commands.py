@@ -18,11 +18,7 @@ from palp_core.palpation.devices.emulator.settings import RigSettings
 
 
 def read_settings(text: str) -> RigSettings:
-    """Return the settings of an emulated rig from JSON.
-
-    Raises:
-        DeviceError: They are none.
-    """
+    """Return the settings of an emulated rig from JSON."""
     try:
         return msgspec.json.decode(text, type=RigSettings)
     except msgspec.MsgspecError as error:

@@ -68,14 +68,7 @@ class GuardMet:
 
 
 class ProbeContact:
-    """The contact of probe and phantom. Used by one thread; a second one solves sweeps ahead of need.
-
-    Attributes:
-        settings: What is touched.
-        rig: The phantoms, the probe and the models of their contact.
-        swept_m_s: Speed that the latest move in touch with the phantom was ordered with; 0: none yet.
-        guards: What was met, once per mounting and ring that touched; who publishes it takes it away.
-    """
+    """The contact of probe and phantom. Used by one thread; a second one solves sweeps ahead of need."""
 
     def __init__(self, settings: ContactSettings, axes: Axes, rod: EmulatedRod, seed: int) -> None:
         self.settings, self._axes, self._rod = settings, axes, rod
@@ -99,11 +92,7 @@ class ProbeContact:
         self.mount(settings.code or min(self.rig.phantoms), settings.height_offset_m)
 
     def mount(self, code: str, height_offset_m: float) -> None:
-        """Put a phantom under the probe.
-
-        Raises:
-            DeviceError: There is none of that code.
-        """
+        """Put a phantom under the probe."""
         known = self.rig.phantoms
         if code not in known:
             raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(known))}")

@@ -1,7 +1,8 @@
-"""An EMG amplifier of the simulated muscles: Noraxon's pages."""
+"""An EMG amplifier of the simulated muscles: Noraxon's pages, and the small HTTP server that has them."""
 
 import json
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,7 @@ _EVERY_LEVEL_ALIKE = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
 
 
 class Muscles:
-    """The simulated subject, sampled by a clock of the device's own.
-
-    Args:
-        clock_ppm: How much faster than the host's that clock runs, in millionths.
-        seed: Of what they do.
-    """
+    """The simulated subject, sampled by a clock of the device's own."""
 
     def __init__(self, clock_ppm: float = 0.0, seed: int = 1) -> None:
         self._speed = 1.0 + clock_ppm * 1e-6
@@ -69,3 +65,28 @@ class Noraxon:
             if self._enabled[i]
         ]
         return json.dumps({"channels": channels}).encode("ascii")
+
+
+class Http:
+    """Answer requests with the bytes that a page function returns; None is 404.
+
+    Header and body leave in one write: in two, delayed acknowledgement holds the body back for 40 ms.
+    """
+
+    def __init__(self, page: Callable[[str, int], bytes | None], content_type: str) -> None:
+        self._page, self._type = page, content_type
+        self._rest = b""
+        self.greeting, self.ready_ns = b"", 0
+
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        """Answer every complete request."""
+        *requests, self._rest = (self._rest + data).split(b"\r\n\r\n")
+        return b"".join(self._answer(request, now_ns) for request in requests)
+
+    def _answer(self, request: bytes, now_ns: int) -> bytes:
+        words = request.split(b"\r\n", 1)[0].decode("ascii", "replace").split()
+        body = self._page(words[1], now_ns) if len(words) == 3 and words[0] == "GET" else None
+        status = "200 OK" if body is not None else "404 Not Found"
+        body = body if body is not None else b""
+        head = f"HTTP/1.1 {status}\r\nContent-Type: {self._type}\r\nContent-Length: {len(body)}\r\n\r\n"
+        return head.encode("ascii") + body

@@ -30,11 +30,7 @@ class Faults:
         self._rng = np.random.default_rng(self.seed)
 
     def inject(self, name: str, count: int, delay_s: float) -> None:
-        """Start a fault for ``count`` replies.
-
-        Raises:
-            DeviceError: There is no such fault.
-        """
+        """Start a fault for ``count`` replies."""
         known = WIRE_FAULTS + CHECKED_FAULTS
         if name not in known:
             raise DeviceError(f"emulator: no fault '{name}'; a wire knows {', '.join(known)}")

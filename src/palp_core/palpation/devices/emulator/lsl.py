@@ -13,14 +13,7 @@ _CHUNK_NS = 10_000_000
 
 
 class LslOutlet:
-    """Push chunks of 10 ms into the laboratory streaming layer.
-
-    Args:
-        name: The stream's name, which also makes its source id.
-
-    Raises:
-        DeviceError: pylsl is not installed.
-    """
+    """Push chunks of 10 ms into the laboratory streaming layer."""
 
     def __init__(
         self,

@@ -27,17 +27,7 @@ _BITS = {0: 47, 1: 57, 2: 67, 6: 107, 8: 127}  # a frame with about a tenth of s
 
 
 class Netcanoem:
-    """The sensor: identifiers and data in, identifiers and data out.
-
-    Attributes:
-        status: Its status word.
-        saturated: Which gauges are at the end of their range.
-
-    Args:
-        wrench: Returns what it feels at a time: forces in N and torques in N m about x, y, z.
-        bias: Gauges of the unloaded sensor.
-        gauges: What all gauges show instead of that, for a transcript.
-    """
+    """The sensor: identifiers and data in, identifiers and data out."""
 
     def __init__(
         self,
@@ -93,12 +83,7 @@ class Netcanoem:
 
 
 class SocketCand:
-    """One client of the socketcand server; the sensor is the only other member of the bus.
-
-    Args:
-        sensor: The sensor.
-        bitrate: Of the bus, in bit/s; 0 for no pacing. Request and replies take their time one after another.
-    """
+    """One client of the socketcand server; the sensor is the only other member of the bus."""
 
     def __init__(self, sensor: Netcanoem, bitrate: int) -> None:
         self._sensor, self._bitrate = sensor, bitrate

@@ -2,6 +2,8 @@
 
 import os
 import socket
+import struct
+import time
 import tty
 from collections.abc import Callable
 from contextlib import suppress
@@ -9,18 +11,16 @@ from pathlib import Path
 from typing import Protocol
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.emulator.arrival import receive, stamp_arrivals
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
 
+_SO_TIMESTAMPNS = 35  # of asm-generic/socket.h; the module `socket` does not name it
+_TIMESPEC = struct.Struct("@qq")
+_OLDEST_NS = 1_000_000_000  # an older stamp says that the wall clock was set, not that bytes waited
+
 
 class DeviceSide(Protocol):
-    """The device's side of one byte stream.
-
-    Attributes:
-        greeting: What it sends to a client of a TCP port before anything was asked.
-        ready_ns: When the last reply may leave, for a device that takes time of its own; 0 for at once.
-    """
+    """The device's side of one byte stream."""
 
     greeting: bytes
     ready_ns: int
@@ -35,10 +35,6 @@ class PtyPort:
     A terminal does not pace by itself, so both directions wait for ten bits per byte at ``baud``. Replies go
     out whole when their last byte is due. The emulator keeps the far end open: otherwise it could not tell a
     client that closed from a cable that was pulled.
-
-    Args:
-        path: Where the terminal is found: a symbolic link, made at each plugging.
-        baud: Bits per second; 0 for no pacing.
     """
 
     def __init__(
@@ -113,11 +109,7 @@ class PtyPort:
 
 
 class TcpPort:
-    """A TCP port that serves any number of clients, each with a device's side of its own.
-
-    Args:
-        port: TCP port; 0 for a free one, which is kept over unplugging.
-    """
+    """A TCP port that serves any number of clients, each with a device's side of its own."""
 
     def __init__(
         self,
@@ -138,11 +130,7 @@ class TcpPort:
         return f"socket://{self.host}:{self.port}"
 
     def plug(self) -> None:
-        """Listen.
-
-        Raises:
-            DeviceError: Somebody else does, or the address is not of this host.
-        """
+        """Listen."""
         try:
             self._listener = socket.create_server((self.host, self.port))
         except OSError as error:
@@ -169,7 +157,7 @@ class TcpPort:
             return
         client, _ = self._listener.accept()
         client.setblocking(False)
-        stamp_arrivals(client)
+        _stamp_arrivals(client)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         side = self._make()
         self._clients[client] = side
@@ -179,7 +167,7 @@ class TcpPort:
     def _on_readable(self, client: socket.socket) -> None:
         data, arrived_ns = b"", 0
         with suppress(OSError):
-            data, arrived_ns = receive(client, 65536)
+            data, arrived_ns = _receive(client, 65536)
         if not data:
             self._drop(client)
             return
@@ -208,3 +196,21 @@ class TcpPort:
         self._loop.remove(client)
         self._clients.pop(client, None)
         client.close()
+
+
+def _stamp_arrivals(connection: socket.socket) -> None:
+    """Have the kernel stamp what arrives from now on."""
+    connection.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+def _receive(connection: socket.socket, size: int) -> tuple[bytes, int]:
+    """Return what is there and the monotonic time in ns at which its last byte arrived."""
+    data, ancillary, _, _ = connection.recvmsg(size, socket.CMSG_SPACE(_TIMESPEC.size))
+    now_ns, wall_ns = time.monotonic_ns(), time.clock_gettime_ns(time.CLOCK_REALTIME)
+    for level, kind, stamp in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(stamp) == _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack(stamp)
+            age_ns = wall_ns - (seconds * 1_000_000_000 + nanoseconds)
+            if 0 <= age_ns < _OLDEST_NS:
+                return data, now_ns - age_ns
+    return data, now_ns

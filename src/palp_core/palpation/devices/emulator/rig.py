@@ -13,10 +13,9 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
 from palp_core.palpation.devices.emulator.axis import Axes, Axis
 from palp_core.palpation.devices.emulator.contact import ProbeContact
-from palp_core.palpation.devices.emulator.emg import EMG_HZ, Noraxon
+from palp_core.palpation.devices.emulator.emg import EMG_HZ, Http, Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
-from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.lsl import LslOutlet
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
@@ -49,11 +48,7 @@ Made = tuple[Plug, Callable[[], dict[str, Any]]]
 
 
 def _own(folder: Path) -> Path:
-    """Return a folder that is there and this user's: a terminal in another's leads where that one likes.
-
-    Raises:
-        DeviceError: It is another user's, a link or no folder, or cannot be made.
-    """
+    """Return a folder that is there and this user's: a terminal in another's leads where that one likes."""
     try:
         mistake = own_folder(folder)
     except OSError as error:
@@ -66,15 +61,7 @@ def _own(folder: Path) -> Path:
 
 
 class EmulatedRig:
-    """Start the devices named; stop them at the end of the ``with``.
-
-    Args:
-        settings: How they are set up.
-        devices: Which of :data:`DEVICES`.
-
-    Raises:
-        DeviceError: There is no such device.
-    """
+    """Start the devices named; stop them at the end of the ``with``."""
 
     def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:4]) -> None:
         self.settings = settings or RigSettings()
@@ -120,11 +107,7 @@ class EmulatedRig:
         return self._second.address if self._second is not None else ""
 
     def stop(self) -> None:
-        """Pull everything out.
-
-        Raises:
-            DeviceError: An emulated device failed on the way.
-        """
+        """Pull everything out."""
         self._undo.close()
         failures = self.loop.failures
         if failures:
@@ -141,18 +124,7 @@ class EmulatedRig:
         self.stop()
 
     def fault(self, device: str, name: str, count: int = _FOR_EVER, value: float = 0.1) -> None:
-        """Break something.
-
-        Args:
-            device: Which.
-            name: A fault of the wire (``garbage``, ``truncation``, ``delay``, ``silence``, ``checksum``),
-                ``disconnect``, or one of the device (:meth:`faults_of`).
-            count: For how many replies, for a fault of the wire.
-            value: Seconds of ``delay``; the bits of ``status``.
-
-        Raises:
-            DeviceError: The device does not know that fault.
-        """
+        """Break something."""
         if name not in self.faults_of(device):
             raise DeviceError(
                 f"emulator: {device} has no fault '{name}'; known: {', '.join(self.faults_of(device))}"

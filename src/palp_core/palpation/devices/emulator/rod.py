@@ -8,12 +8,7 @@ from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 
 
 class EmulatedRod:
-    """A simulated ring that counts from the retracted stop, as its controller does.
-
-    Args:
-        ring: The actuator; the controller gives each move a speed of its own.
-        seed: Of its landing errors.
-    """
+    """A simulated ring that counts from the retracted stop, as its controller does."""
 
     def __init__(self, ring: SimRing, seed: int) -> None:
         self._zero_m = ring.zero_m

@@ -12,20 +12,7 @@ _WIDE_N_M = 10.0  # the gauges of the wire have the range, and the steps
 
 
 class LoadedSensor:
-    """Forces and torques at the sensor, of which the simulated one says the torque about x.
-
-    Attributes:
-        load_n_m: Torque that somebody puts on the sensor besides the phantom, about its axis x.
-        felt_ns: When the sensor took the first sample with it; 0: none yet.
-        felt_y_m: Where the stage was then.
-
-    Args:
-        torque: Noise and drift.
-        force_noise_sd_n: Noise of each force.
-        contact: What is touched.
-        axes: Where the stage is.
-        seed: Of the noise.
-    """
+    """Forces and torques at the sensor, of which the simulated one says the torque about x."""
 
     def __init__(
         self, torque: SimTorque, force_noise_sd_n: float, contact: ProbeContact, axes: Axes, seed: int

@@ -28,16 +28,7 @@ class _Bucket:
 
 
 class ClockModel:
-    """Estimate host time from device time, one observation per arrival.
-
-    Args:
-        bucket_s: Device time of which only the earliest arrival counts, in s.
-        bucket_count: How many buckets the line is laid through.
-        drift_after_s: Below this span the drift is taken as 0: too short a lever to tell it.
-
-    Raises:
-        DeviceError: An argument is out of range.
-    """
+    """Estimate host time from device time, one observation per arrival."""
 
     def __init__(self, bucket_s: float = 0.5, bucket_count: int = 120, drift_after_s: float = 5.0) -> None:
         check_range("clock model", "bucket_s", bucket_s, 1e-3, 3600.0)

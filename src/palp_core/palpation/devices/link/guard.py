@@ -23,14 +23,6 @@ class LinkGuard:
     The kernel closes the channel between the two when this one dies, however that comes: nothing is polled,
     and nothing else must live. The guard is in no group of processes that is killed with this one, and has
     its scheduling. As the link is the same, a device that can be reached only once is guarded as well.
-
-    Args:
-        name: The device, for messages.
-        descriptor: Of the open link.
-        last_words: What the device is told.
-
-    Raises:
-        DeviceError: It does not start.
     """
 
     def __init__(self, name: str, descriptor: int, last_words: LastWords) -> None:

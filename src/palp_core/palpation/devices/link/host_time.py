@@ -10,9 +10,6 @@ class HostTime:
     Every call into a driver brings the caller's time, which was read a little earlier. The smallest
     difference to the monotonic clock seen so far is therefore the best estimate of the constant between the
     two.
-
-    Args:
-        clock: Monotonic time in ns.
     """
 
     def __init__(self, clock: Callable[[], int] = time.monotonic_ns) -> None:

@@ -20,10 +20,6 @@ class Reconnection(Generic[C]):
     """Try until it succeeds; the connection is fetched by :meth:`fetch`.
 
     An address that nobody refuses takes seconds to fail, in which nobody would be heard.
-
-    Args:
-        connect: Connects, or raises a DeviceError.
-        pause_s: Between two attempts.
     """
 
     def __init__(self, connect: Callable[[], C], pause_s: float = 0.1) -> None:

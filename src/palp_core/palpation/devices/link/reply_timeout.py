@@ -10,11 +10,6 @@ class ReplyTimeout:
     A process that is kept from running (a busy host, a stop signal) finds the clock far ahead and the answer
     perhaps in its buffer: nobody was silent. So each look at the clock uses up no more than ``step_s``, twice
     what a wait takes at most, and who asks does so before the last read, not after it.
-
-    Args:
-        timeout_s: How long in all.
-        step_s: The most that passes between two looks while the process runs.
-        clock: Monotonic time in s.
     """
 
     def __init__(

@@ -31,12 +31,6 @@ class SampleLine:
     without loss, so samples count as lost only when even the earliest arrival over ``patience_s`` is later
     than the model by ``gap_s``; reported loss (:meth:`mark_gap`) counts at once. Nothing that is that late
     teaches the clock model, or one silence would spoil a minute of stamps.
-
-    Args:
-        rate_hz: Nominal rate.
-        channel_count: Values per sample.
-        gap_s: Lateness that means loss, for a device without sequence numbers.
-        patience_s: How long all arrivals must be that late.
     """
 
     def __init__(
@@ -78,10 +72,6 @@ class SampleLine:
         """Return the number of the next sample, of a device that numbers its samples anew from here.
 
         What the time would have given since the last one is lost; the clock is learnt again.
-
-        Args:
-            count: How many samples came.
-            host_ns: When the last of them was received.
         """
         with self._lock:
             if self.received_count:

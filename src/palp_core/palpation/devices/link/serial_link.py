@@ -27,14 +27,6 @@ class SerialLink:
     """Bytes to and from a serial device, with time-outs and clear errors.
 
     A device file is locked: of two programs on one line each would get a part of the answers.
-
-    Args:
-        name: The device, for messages.
-        url: Its address.
-        baud: Its speed in bit/s.
-
-    Raises:
-        DeviceError: It cannot be opened.
     """
 
     def __init__(self, name: str, url: str, baud: int) -> None:
@@ -56,11 +48,7 @@ class SerialLink:
                 self._readable.register(self._connection, select.POLLIN)
 
     def guard(self, last_words: LastWords) -> bool:
-        """Let a process of its own say these words should this one die; tell whether the link can be shared.
-
-        Raises:
-            DeviceError: That process does not start.
-        """
+        """Let another process say these words should this one die; tell whether the link can be shared."""
         try:
             descriptor = self._port.fileno()
         except (*_LOST, AttributeError, ValueError):  # as of rfc2217://
@@ -74,11 +62,7 @@ class SerialLink:
         return self._guard is not None and not self._guard.alive
 
     def write(self, data: bytes) -> None:
-        """Send bytes.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Send bytes."""
         try:
             with self._write_lock:
                 if self._connection is not None:  # pyserial would wait for room after it was sent, too
@@ -90,11 +74,7 @@ class SerialLink:
             raise self._lost(error) from error
 
     def read_some(self) -> bytes:
-        """Return what is there, waiting a moment for the first byte; empty if there is none.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Return what is there, waiting a moment for the first byte; empty if there is none."""
         try:
             if self._connection is not None:
                 return self._received(self._connection)
@@ -118,12 +98,7 @@ class SerialLink:
         return data
 
     def read_exactly(self, count: int, timeout_s: float) -> bytes:
-        """Return ``count`` bytes.
-
-        Raises:
-            DeviceTimeout: They did not come in time.
-            DeviceError: The link is lost.
-        """
+        """Return ``count`` bytes."""
         data, timeout = b"", ReplyTimeout(timeout_s)
         while len(data) < count:
             over = timeout.expired()
@@ -138,11 +113,7 @@ class SerialLink:
         return data
 
     def drop_input(self) -> None:
-        """Throw away what came and was not read.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Throw away what came and was not read."""
         try:
             self._port.reset_input_buffer()
         except _LOST as error:

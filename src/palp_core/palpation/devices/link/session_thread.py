@@ -15,12 +15,7 @@ class DeviceSession(Protocol):
     """One connection to a device, used by one thread."""
 
     def step(self, stop: threading.Event) -> None:
-        """Receive or exchange once, for at most a fraction of a second.
-
-        Raises:
-            DeviceError: The link is lost.
-            OSError: The same, from the system.
-        """
+        """Receive or exchange once, for at most a fraction of a second."""
 
     def close(self) -> None: ...
 
@@ -30,13 +25,6 @@ class SessionThread:
 
     The first session is begun by the caller, so that a wrong address is an error where it was given. Later
     ones are begun by the thread every ``retry_s``: a sensor may come back by itself, as nothing moves by it.
-
-    Args:
-        name: The device, for messages and the thread.
-        connect: Begins a session.
-        monitor: Told of loss.
-        host: Time.
-        retry_s: Time between attempts.
     """
 
     def __init__(
@@ -59,11 +47,7 @@ class SessionThread:
         self.lost_count = 0
 
     def start(self) -> None:
-        """Begin the first session and the thread.
-
-        Raises:
-            DeviceError: The device does not answer, or the receiver runs already.
-        """
+        """Begin the first session and the thread."""
         self.refuse_if_running()
         session = self._begin()
         self._monitor.note_data(self._host.now_ns())
@@ -74,11 +58,7 @@ class SessionThread:
         self._thread.start()
 
     def refuse_if_running(self) -> None:
-        """Refuse to be opened twice, before anything is changed.
-
-        Raises:
-            DeviceError: The receiver runs.
-        """
+        """Refuse to be opened twice, before anything is changed."""
         if self._thread is not None:
             raise DeviceError(f"{self._name}: open already; close it first")
 

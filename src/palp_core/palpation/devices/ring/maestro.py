@@ -130,11 +130,7 @@ class MaestroRing:
         return 0.0, self.stroke_m - self.zero_m - self.margin_m
 
     def open(self, now_ns: int, state: MaestroState, rng: np.random.Generator) -> None:
-        """Connect, set speed before the first target, and bring a fresh ring to 0.
-
-        Raises:
-            DeviceError: No answer, an error the Maestro reports, or no arrival at 0.
-        """
+        """Connect, set speed before the first target, and bring a fresh ring to 0."""
         self._host.observe(now_ns)
         if self._motion is not None:
             raise DeviceError("ring: open already; close it first")
@@ -208,11 +204,7 @@ class MaestroRing:
         self._motion.acknowledge()
 
     def read(self, now_ns: int, state: MaestroState) -> RingReading:
-        """Return target, measured position, whether it rests at the target, and for what it waits.
-
-        Raises:
-            DeviceError: The ring is not open.
-        """
+        """Return target, measured position, whether it rests at the target, and for what it waits."""
         self._host.observe(now_ns)
         if self._motion is None:
             raise DeviceError("ring: not open; open it first")
@@ -226,11 +218,7 @@ class MaestroRing:
         return RingReading(state.target_m, self._motion.measured_m, settled, waits)
 
     def discover(self) -> dict[str, str]:
-        """Return feedback and pulse; nothing moves.
-
-        Raises:
-            DeviceError: Nobody answers, or with numbers that no Maestro says.
-        """
+        """Return feedback and pulse; nothing moves."""
         link = MaestroLink(self.url, self.crc, self.timeout_s, self.servo)
         try:
             link.mark_out_of_step()  # the line must be silent while nobody asks

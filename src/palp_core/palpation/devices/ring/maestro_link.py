@@ -13,17 +13,7 @@ _LONGEST_TALK_S = 1.0
 
 
 class MaestroLink:
-    """One connection, usable from several threads. Replies have no frame: input is dropped before a question.
-
-    Args:
-        url: Address as pyserial knows it.
-        crc: Whether commands end with their check byte.
-        timeout_s: Longest wait for an answer.
-        servo: A channel that sends pulses.
-
-    Raises:
-        DeviceError: It cannot be opened.
-    """
+    """One connection for several threads. Replies have no frame: input is dropped before a question."""
 
     def __init__(self, url: str, crc: bool, timeout_s: float, servo: int = 0) -> None:
         self._link = SerialLink("maestro", url, _BAUD)
@@ -32,20 +22,11 @@ class MaestroLink:
         self._late = False
 
     def command(self, message: bytes) -> None:
-        """Send what has no answer.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Send what has no answer."""
         self._link.write(wire.with_crc(message) if self._crc else message)
 
     def ask(self, message: bytes, count: int) -> int:
-        """Return the answer's number, ``count`` bytes long.
-
-        Raises:
-            DeviceTimeout: No answer in time.
-            DeviceError: The link is lost.
-        """
+        """Return the answer's number, ``count`` bytes long."""
         with self._lock:
             if self._late:
                 self._resynchronise()
@@ -73,9 +54,6 @@ class MaestroLink:
 
         Answers name no question. So the line must fall silent first; then the servo's pulse is asked for,
         which is longer than any input's reading, and whatever comes before it is thrown away.
-
-        Raises:
-            DeviceTimeout: The pulse is not told in time, or the line never falls silent: it is no Maestro's.
         """
         end_s = time.monotonic() + _LONGEST_TALK_S
         until_s = time.monotonic() + _SILENCE_S

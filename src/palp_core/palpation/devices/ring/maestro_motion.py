@@ -34,14 +34,7 @@ class Rod(Protocol):
 
 
 class RodMotion:
-    """Poll the feedback; drive to one target after another.
-
-    Args:
-        link: Open link; closed by :meth:`stop_polling`.
-        rod: Parameters.
-        host: Time.
-        monitor: Told of stalls, errors and loss.
-    """
+    """Poll the feedback; drive to one target after another."""
 
     def __init__(self, link: MaestroLink, rod: Rod, host: HostTime, monitor: HealthMonitor) -> None:
         self._link, self._rod, self._host, self._monitor = link, rod, host, monitor
@@ -92,11 +85,7 @@ class RodMotion:
         self.holding = not self.arrived
 
     def hold(self) -> None:
-        """Make the place where the rod is its target; said again it means the same place.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Make the place where the rod is its target; said again it means the same place."""
         with self._change:
             moving = not self.arrived
             self._targets.clear()
@@ -114,11 +103,7 @@ class RodMotion:
         return self.arrived
 
     def acknowledge(self) -> None:
-        """Read and clear the error word; the next good poll ends the condition.
-
-        Raises:
-            DeviceError: No answer.
-        """
+        """Read and clear the error word; the next good poll ends the condition."""
         self._link.errors()
         self._monitor.note_data(self._host.now_ns())
 
@@ -157,11 +142,7 @@ class RodMotion:
             self._advance(now_ns)
 
     def _read_position(self) -> None:
-        """Read where the rod is; what no rod does is not believed: holding there would drive it.
-
-        Raises:
-            DeviceError: No answer, or one that cannot be.
-        """
+        """Read where the rod is; what no rod does is not believed: holding there would drive it."""
         counts, now_ns, rod = self._link.position(self._rod.feedback), self._host.now_ns(), self._rod
         place_m = rod.ring_m(counts)
         way_m = abs(place_m - self.measured_m) if self._seen_ns else 0.0

@@ -46,9 +46,6 @@ class LinkCheck:
     moved no further than its speed allows, which bounds the answer, however late any message comes: a busy
     host makes the bounds wide and never wrong. An axis is verified when its own answers have moved by
     ``FOLLOWED_M`` and all of them were within their bounds.
-
-    Args:
-        speed_m_per_s: Fastest motion that is not a trip by itself.
     """
 
     def __init__(self, speed_m_per_s: float) -> None:

@@ -8,9 +8,6 @@ class MotionPermit:
 
     A beat counts from when it was sent, so that one that waited in a queue while its reader was stopped
     renews nothing, nor does one that is older than the last or says to be sent later than it is now.
-
-    Args:
-        longest_s: Time after a beat at which permission ends without another.
     """
 
     def __init__(self, longest_s: float = 0.050) -> None:

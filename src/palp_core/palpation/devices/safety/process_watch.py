@@ -33,10 +33,6 @@ class ProcessWatch:
 
     What is watched is held open: to look again is one read, and never of a stranger that got the number of
     one that has ended.
-
-    Args:
-        parent: Whose children to watch; this process's parent by default.
-        own: Which of them to leave out; this process by default.
     """
 
     def __init__(self, parent: int | None = None, own: int | None = None) -> None:

@@ -119,10 +119,6 @@ TABLE: Mapping[SafetyState, Mapping[Event, Row]] = {
 class SafetyMachine:
     """Where the table stands, and why.
 
-    Args:
-        state: State to continue in.
-        cause: Its cause, if it is tripped.
-
     Attributes:
         state: Present state.
         cause: Cause of the trip; None if there is none.
@@ -147,13 +143,7 @@ class SafetyMachine:
         return self.state in (SafetyState.STOPPING, SafetyState.LATCHED)
 
     def handle(self, event: Event, cause: Cause | None = None, text: str = "") -> tuple[Action, ...]:
-        """Follow the table; return what to do.
-
-        Args:
-            event: What has happened.
-            cause: Of a trip.
-            text: The cause in words.
-        """
+        """Follow the table; return what to do."""
         before = self.tripped
         self.state, actions = TABLE[self.state][event]
         if self.tripped and not before:

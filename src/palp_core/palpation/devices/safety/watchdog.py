@@ -194,10 +194,6 @@ class Watchdog:
         A watch that comes late has not heard what waits in its queue: it judges two periods later, not now.
         Being late itself for longer than a heartbeat is a reason of its own to stop, as nobody has watched
         meanwhile.
-
-        Args:
-            now_ns: Time of this run.
-            period_s: Time between two.
         """
         before_ns, self._run_ns = self._run_ns, now_ns
         late_s = (now_ns - before_ns) * 1e-9 - period_s if before_ns else 0.0

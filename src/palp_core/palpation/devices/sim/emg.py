@@ -69,9 +69,6 @@ class SimEmg:
         relax_s: Time of relaxation at the end of each level, < ``shortest_dwell_s`` (assumed).
         relax_share: Share of the level given up in it (assumed); 0 makes plateaus without valleys.
         smooth_s: Time constant of each of the two equal lags between level and envelope (assumed).
-
-    Raises:
-        DeviceError: A parameter is not finite or out of range, or the matrix is not a matrix of transitions.
     """
 
     LINK: ClassVar[str] = "none: simulated"
@@ -137,11 +134,7 @@ class SimEmg:
         return self._stamp_ns(self._palpation_begin, state)
 
     def open(self, now_ns: int, state: SimEmgState, rng: np.random.Generator) -> None:
-        """Start a fresh source with sample 0 now; leave one that was started before as it is.
-
-        Raises:
-            DeviceError: The state's level is none of this source's levels.
-        """
+        """Start a fresh source with sample 0 now; leave one that was started before as it is."""
         if state.level >= len(self.levels):
             raise DeviceError(
                 f"emg: the state is at level {state.level} of {len(self.levels)}; use a fresh state"
@@ -162,14 +155,6 @@ class SimEmg:
 
         Six numbers are drawn per sample in a fixed order, so the size of the blocks does not change the
         samples.
-
-        Args:
-            now_ns: The time.
-            state: Changed in place.
-            rng: Drawn from 6 n times.
-
-        Raises:
-            DeviceError: The source was not opened.
         """
         if not state.started:
             raise DeviceError("emg: not started; open it before the first drain")

@@ -60,9 +60,6 @@ class SimRing:
         feedback_step_m: Step of the measured position (50 mm in 675 counts, 0.074 mm); 0 for none.
         error_seen: Share of the landing error that the measured position shows (assumed 0: the actuator is
             servoed to the same potentiometer, whose reading agrees with the target wherever the ring is).
-
-    Raises:
-        DeviceError: A parameter is not finite or outside of the actuator's abilities.
     """
 
     LINK: ClassVar[str] = "none: simulated"
@@ -111,20 +108,7 @@ class SimRing:
         return HEALTHY
 
     def command(self, target_m: float, now_ns: int, state: SimRingState, rng: np.random.Generator) -> int:
-        """Go to ``target_m`` with a new landing error; the present target is no move and keeps its error.
-
-        Args:
-            target_m: Ring position r_a, within ``limits_m``.
-            now_ns: The time.
-            state: Changed in place.
-            rng: Drawn from once per move.
-
-        Returns:
-            The time at which the ring will have settled, in ns.
-
-        Raises:
-            DeviceError: The target is not finite or beyond the stroke, or the actuator was not opened.
-        """
+        """Go to ``target_m`` with a new landing error; the present target is no move and keeps its error."""
         self._refuse_unless_homed(state)
         check_range("ring", "target_m", target_m, *self.limits_m)
         if target_m == state.target_m and not state.holding:
@@ -134,14 +118,7 @@ class SimRing:
         return self._go(target_m, direction, now_ns, state, [nominal_m], [true_m], rng)
 
     def rehome(self, now_ns: int, state: SimRingState, rng: np.random.Generator) -> int:
-        """Drive to the retracted stop and back to the target, with a new landing error.
-
-        Returns:
-            The time at which the ring will have settled, in ns.
-
-        Raises:
-            DeviceError: The actuator was not opened.
-        """
+        """Drive to the retracted stop and back to the target, with a new landing error."""
         self._refuse_unless_homed(state)
         nominal_m, true_m = self._corners_now(now_ns, state)
         return self._go(

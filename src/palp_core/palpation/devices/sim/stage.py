@@ -60,9 +60,6 @@ class SimStage:
         lift_m: Height of the way back (assumed: clears the tissue).
         limits: Travel and speed (assumed: the variant with 110 mm, origin in its middle).
         resolution_m: Step of the position (the paper: 1 nm); 0 for none.
-
-    Raises:
-        DeviceError: A parameter is not finite or outside of the stage's abilities.
     """
 
     LINK: ClassVar[str] = "none: simulated"
@@ -109,11 +106,7 @@ class SimStage:
         return self.sweep_speed_m_per_s**2 / (2.0 * self.accel_m_per_s2) + self.lead_m
 
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: SimStageState) -> SweepTimes:
-        """Sweep from the present place, at constant speed all the way from ``from_m`` to ``to_m``.
-
-        Raises:
-            DeviceError: The stage moves, is raised, stands too close to ``from_m`` or would leave its travel.
-        """
+        """Sweep from the present place, at constant speed all the way from ``from_m`` to ``to_m``."""
         y_m, z_m = self._resting_place(now_ns, state)
         check_range("stage", "from_m", from_m, *self.limits.y_m)
         check_range("stage", "to_m", to_m, *self.limits.y_m)
@@ -133,11 +126,7 @@ class SimStage:
         return times
 
     def return_to(self, y_m: float, now_ns: int, state: SimStageState, *, height_m: float = 0.0) -> int:
-        """Raise, go to ``y_m`` and lower to the height of the sweep; return the time of arrival in ns.
-
-        Raises:
-            DeviceError: The stage moves, or the place is outside of its travel.
-        """
+        """Raise, go to ``y_m`` and lower to the height of the sweep; return the time of arrival in ns."""
         here_y, here_z = self._resting_place(now_ns, state)
         check_range("stage", "y_m", y_m, *self.limits.y_m)
         check_range("stage", "height_m", height_m, self.limits.z_m[0], self.lift_m)
@@ -148,11 +137,7 @@ class SimStage:
         return path_end_ns(state)
 
     def retreat(self, speed_m_per_s: float, now_ns: int, state: SimStageState) -> int:
-        """Raise to ``lift_m``; return the time of arrival in ns.
-
-        Raises:
-            DeviceError: The stage moves.
-        """
+        """Raise to ``lift_m``; return the time of arrival in ns."""
         y_m, z_m = self._resting_place(now_ns, state)
         self._follow(state, [(y_m, z_m), (y_m, max(z_m, self.lift_m))], [speed_m_per_s], now_ns)
         return path_end_ns(state)

@@ -30,9 +30,6 @@ class SimSubject(SimEmg):
     Attributes:
         chains: Transition probabilities by the phantom's code; of another phantom those of ``matrix``.
         rail_v: Largest size that the amplifier gives; beyond it samples are clipped.
-
-    Raises:
-        DeviceError: As of :class:`SimEmg`; or a chain is none.
     """
 
     state_type = SimSubjectState

@@ -51,9 +51,6 @@ class SimTorque:
         bias_drift_n_m_per_sqrt_s: Random walk of the bias (0: not known).
         gain_drift_per_sqrt_s: Random walk of the gain (0: not known).
         rate_hz: Sampling rate of :meth:`drain`; :meth:`read` samples when it is told to.
-
-    Raises:
-        DeviceError: A parameter is not finite or negative where it cannot be.
     """
 
     LINK: ClassVar[str] = "none: simulated"
@@ -108,15 +105,6 @@ class SimTorque:
 
         Three numbers are drawn per sample in a fixed order, so neither the size of the blocks nor a drift
         that is switched off changes the noise.
-
-        Args:
-            true_torque_n_m: True torque, shape (n,).
-            times_ns: Times of the samples in ascending order, shape (n,).
-            state: Changed in place.
-            rng: Drawn from 3 n times.
-
-        Raises:
-            DeviceError: The sensor was not opened, the shapes differ, or a torque is not finite.
         """
         if not state.started:
             raise DeviceError("torque: not started; open it before the first read")
@@ -143,11 +131,7 @@ class SimTorque:
         return TorqueSamples(times_ns, torque_n_m - state.tare_n_m, saturated_count, index, gap, saturated)
 
     def tare(self, block: TorqueSamples, state: SimTorqueState) -> Float64Array:
-        """Make the mean of ``block``, read unloaded, the new zero; return it, shape (1,).
-
-        Raises:
-            DeviceError: The block is empty or saturated, so its mean is no bias.
-        """
+        """Make the mean of ``block``, read unloaded, the new zero; return it, shape (1,)."""
         if block.torque_n_m.size == 0 or block.saturated_count:
             raise DeviceError(
                 "torque: cannot tare from an empty or saturated block; unload the probe and read again"

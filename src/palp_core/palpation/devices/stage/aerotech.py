@@ -109,12 +109,7 @@ class AerotechStage:
         self._motion: aerotech_motion.Motion | None = None
 
     def open(self, now_ns: int, state: AerotechState, rng: np.random.Generator) -> None:
-        """Connect, enable, and bring a fresh stage home, raised, to y = 0.
-
-        Raises:
-            DeviceError: No controller, a latched fault, an axis that is not homed and must not be, or homing
-                that fails.
-        """
+        """Connect, enable, and bring a fresh stage home, raised, to y = 0."""
         self._host.observe(now_ns)
         if self._motion is not None:
             raise DeviceError("stage: open already; close it first")
@@ -166,11 +161,7 @@ class AerotechStage:
         return from_m - math.copysign(self._run_up_m(), to_m - from_m)
 
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: AerotechState) -> SweepTimes:
-        """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``.
-
-        Raises:
-            DeviceError: Not up, moving, raised, too close to ``from_m``, or a path that leaves the window.
-        """
+        """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``."""
         motion, y_m, z_m = self._resting(now_ns, state)
         check_range("stage", "from_m", from_m, *self.limits.y_m)
         check_range("stage", "to_m", to_m, *self.limits.y_m)
@@ -218,20 +209,12 @@ class AerotechStage:
         return self._host.now_ns() + round(self.settle_s * 1e9)
 
     def acknowledge(self, now_ns: int, state: AerotechState) -> None:
-        """Clear latched faults and enable again: the operator's step after a trip, never the driver's own.
-
-        Raises:
-            DeviceError: The cause persists (an emergency stop that is still pressed), or the link is lost.
-        """
+        """Clear latched faults and enable again: the operator's step after a trip, never the driver's own."""
         self._host.observe(now_ns)
         self._opened().acknowledge()
 
     def read(self, times_ns: Int64Array, state: AerotechState) -> StageReading:
-        """Return positions at times, from the polls around them; at most ``stale_s`` beyond the last one.
-
-        Raises:
-            DeviceError: The stage is not open, or the last poll is older than that.
-        """
+        """Return positions at times, from the polls around them; at most ``stale_s`` beyond the last one."""
         motion = self._opened()
         positions = motion.history.at(times_ns, self.stale_s, moving=motion.on_leg)
         return StageReading(*(self._place(i, positions[i]) for i in (0, 1)))
@@ -265,11 +248,7 @@ class AerotechStage:
         )
 
     def discover(self) -> dict[str, str]:
-        """Return how each axis does; nothing but questions is sent.
-
-        Raises:
-            DeviceError: Nobody answers.
-        """
+        """Return how each axis does; nothing but questions is sent."""
         link = AerotechLink(self.url, self.baud, self.timeout_s)
         try:
             return {axis: aerotech_motion.axis_in_words(link, axis) for axis in self.axes}
@@ -286,11 +265,7 @@ class AerotechStage:
         return self._motion
 
     def _resting(self, now_ns: int, state: AerotechState) -> tuple[aerotech_motion.Motion, float, float]:
-        """Return the motion and where the stage rests.
-
-        Raises:
-            DeviceError: It does not rest, or must not move.
-        """
+        """Return the motion and where the stage rests."""
         self._host.observe(now_ns)
         motion, health = self._opened(), self.health(now_ns)
         if not health.ok:

@@ -39,14 +39,6 @@ class AerotechLink:
     A bare acknowledgement may come with a line feed or without, as the controller is set up. An answer that
     is late or garbled may be followed by others: before the next question the link sends ``NONE``, which
     every controller refuses as invalid, and throws away all that comes before that refusal.
-
-    Args:
-        url: Address as pyserial knows it.
-        baud: Speed of a serial line.
-        timeout_s: How long to wait for an answer.
-
-    Raises:
-        DeviceError: The address cannot be opened or nobody answers there.
     """
 
     def __init__(self, url: str, baud: int, timeout_s: float) -> None:
@@ -67,11 +59,7 @@ class AerotechLink:
         self._link.close()
 
     def guard(self, axes: tuple[str, str]) -> bool:
-        """Have the axes aborted, then disabled, should this process die; tell whether the link allows it.
-
-        Raises:
-            DeviceError: The guard does not start.
-        """
+        """Have the axes aborted, then disabled, should this process die; tell whether the link allows it."""
         abort = wire.each("ABORT", axes)
         words = [*((after_s, abort) for after_s in _ABORTS_S), (_DISABLE_S, wire.each("DISABLE", axes))]
         if guarded := self._link.guard(words):
@@ -86,11 +74,7 @@ class AerotechLink:
         return guarded
 
     def require_guard(self) -> None:
-        """Stop and close a link whose guard has ended: nothing would stop what is commanded on it.
-
-        Raises:
-            LinkLost: It has.
-        """
+        """Stop and close a link whose guard has ended: nothing would stop what is commanded on it."""
         if self._link.unguarded:
             with suppress(DeviceError):
                 self.send_at_once(self._abort)
@@ -98,13 +82,7 @@ class AerotechLink:
             raise LinkLost(f"aerotech: the guard of {self._link.url} has ended; reopen")
 
     def do(self, sent: bytes, at_least_s: float = 0.0) -> None:
-        """Send a command and wait for its acknowledgement, no shorter than that.
-
-        Raises:
-            CommandRefused: The controller cannot or will not.
-            DeviceTimeout: No answer in time.
-            DeviceError: The answer is garbled, or the link is lost.
-        """
+        """Send a command and wait for its acknowledgement, no shorter than that."""
         with self._lock:
             self._exchange(sent, at_least_s, has_value=False)
 

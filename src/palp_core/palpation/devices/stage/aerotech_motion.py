@@ -66,13 +66,7 @@ def duration_s(legs: Iterable[Leg], accel_m_per_s2: float, settle_s: float) -> f
 
 
 class ControllerAxes:
-    """The axes as the controller has them: enabled, homed, at fault, moving, and where.
-
-    Args:
-        link: Open link.
-        names: The controller's names.
-        host: Time.
-    """
+    """The axes as the controller has them: enabled, homed, at fault, moving, and where."""
 
     def __init__(self, link: AerotechLink, names: tuple[str, str], host: HostTime) -> None:
         self.names = names
@@ -80,11 +74,7 @@ class ControllerAxes:
         self._abort = wire.each("ABORT", names)
 
     def enable(self) -> None:
-        """Enable every axis.
-
-        Raises:
-            DeviceError: An axis has a latched fault, which only a person acknowledges.
-        """
+        """Enable every axis."""
         for axis in self.names:
             fault = self.fault(axis)
             if fault:
@@ -96,11 +86,7 @@ class ControllerAxes:
         self._link.do(wire.command("WAIT MODE NOWAIT"))
 
     def acknowledge(self) -> None:
-        """Clear the latched faults and enable.
-
-        Raises:
-            DeviceError: The controller refuses: the cause persists.
-        """
+        """Clear the latched faults and enable."""
         for axis in self.names:
             self._link.do(wire.command(f"FAULTACK {axis}"), _ENABLING_S)
         self.enable()
@@ -114,13 +100,6 @@ class ControllerAxes:
 
         Of all motion only this ends when the controller alone decides. Whatever ends it early also stops it,
         as nobody would watch it then.
-
-        Args:
-            timeout_s: Longest for an axis.
-            period_s: Time between two looks.
-
-        Raises:
-            DeviceError: It takes too long, somebody stops it, or an answer is missing.
         """
         try:
             for axis in self.names[::-1]:
@@ -131,11 +110,7 @@ class ControllerAxes:
             raise
 
     def abort(self) -> None:
-        """Send ABORT for every axis past whatever is under way.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Send ABORT for every axis past whatever is under way."""
         self._link.send_at_once(self._abort)
 
     def status(self, axis: str) -> int:
@@ -177,13 +152,6 @@ class ControllerAxes:
 class Motion:
     """Poll the axes, send leg after leg, stop at the first sign of trouble.
 
-    Args:
-        link: Open link; closed by :meth:`stop_polling`.
-        axes: The axes at the other end of it.
-        host: Time.
-        monitor: Told of faults and loss.
-        poll_hz: Rate of the polls.
-
     Attributes:
         history: Where the axes were at the polls, in mm.
     """
@@ -213,11 +181,7 @@ class Motion:
         return self._active is not None
 
     def start(self) -> None:
-        """Stop what may still move from before, wait for rest, and begin to poll.
-
-        Raises:
-            DeviceError: No rest, or no answer.
-        """
+        """Stop what may still move from before, wait for rest, and begin to poll."""
         self._axes.abort()
         until_ns = self._host.now_ns() + round(_REST_S * 1e9)
         self._aborting = True
@@ -237,22 +201,14 @@ class Motion:
         self._monitor.report(Condition.CLOSED, self._host.now_ns())
 
     def acknowledge(self) -> None:
-        """Clear faults, enable, and let the next good poll end the trip.
-
-        Raises:
-            DeviceError: The controller refuses: the cause persists.
-        """
+        """Clear faults, enable, and let the next good poll end the trip."""
         with self._judging:
             self._forget_legs()
             self._axes.acknowledge()
             self._monitor.note_data(self._host.now_ns())
 
     def follow(self, legs: list[Leg]) -> int:
-        """Send the first leg now and the others one after another; return when the first started, in ns.
-
-        Raises:
-            DeviceError: The controller refuses the first leg, or the link is lost.
-        """
+        """Send the first leg now and the others one after another; return when the first started, in ns."""
         with self._change:
             if self.busy:
                 raise DeviceError("stage: moves; wait for the end or stop it first")
@@ -270,11 +226,7 @@ class Motion:
         return self._host.now_ns()
 
     def abort(self) -> None:
-        """Stop every axis past whatever is under way, and forget the legs.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Stop every axis past whatever is under way, and forget the legs."""
         self._forget_legs()
         self._aborting = True
         self._axes.abort()
@@ -360,11 +312,7 @@ class Motion:
             self._starting = False
 
     def _send(self, leg: Leg, aborts: int) -> None:
-        """Start a leg, and stop it again if somebody aborted in the meantime.
-
-        Raises:
-            DeviceError: The controller refuses it, the link is lost, or it was aborted.
-        """
+        """Start a leg, and stop it again if somebody aborted in the meantime."""
         try:
             self._link.do(leg.command)
         except DeviceError:  # it may have begun all the same, and after somebody's ABORT

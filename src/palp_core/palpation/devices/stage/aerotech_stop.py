@@ -19,20 +19,6 @@ class AerotechStop:
     Every command is written past whatever the link was waiting for. The controller closes an idle TCP
     connection, and a lost link must be noticed: a thread asks about one axis after another, so that whoever
     decides waits for no answer and an ABORT leaves at once. :meth:`reports` says what it has heard.
-
-    Args:
-        url: Address, as a rule another TCP port of the controller than the driver's.
-        axes: The controller's names.
-        baud: Of a serial line.
-        origin_m: Controller's position of y = 0 and z = 0.
-        sign: Direction of y and z on the controller's axes.
-        timeout_s: Longest wait for an answer.
-        rest_s: How long to wait for rest between ABORT and DISABLE.
-        look_hz: How often the thread asks about an axis; 0: there is none, call :meth:`poll` once a second.
-        clock: Time in ns.
-
-    Raises:
-        DeviceError: Nobody answers there.
     """
 
     def __init__(
@@ -74,19 +60,11 @@ class AerotechStop:
         return self._guarded
 
     def poll(self) -> list[AxisReport]:
-        """Return what every axis says.
-
-        Raises:
-            DeviceError: No answer, or the link is lost: the rig must not move.
-        """
+        """Return what every axis says."""
         return [self._report(number) for number in range(len(self._axes))]
 
     def reports(self) -> list[AxisReport]:
-        """Return what the thread has heard since the last call, without waiting.
-
-        Raises:
-            DeviceError: It got no answer, has ended, or the link is lost: the rig must not move.
-        """
+        """Return what the thread has heard since the last call, without waiting."""
         with self._hearing:
             heard, self._heard = self._heard, []
         if self._poller is not None and not self._poller.is_alive():
@@ -109,28 +87,16 @@ class AerotechStop:
         return replace(report, following_m=max(0.0, off_m))
 
     def abort(self) -> int:
-        """Write ABORT for every axis; return when it was written, in ns.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Write ABORT for every axis; return when it was written, in ns."""
         self._link.send_at_once(self._abort)
         return self._clock()
 
     def disable(self) -> None:
-        """Write DISABLE for every axis.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Write DISABLE for every axis."""
         self._link.send_at_once(self._disable)
 
     def trip(self) -> StopTimes:
-        """Abort, wait a little for rest, disable whatever the answers were.
-
-        Raises:
-            DeviceError: The link is lost.
-        """
+        """Abort, wait a little for rest, disable whatever the answers were."""
         return self.finish_stop(self.abort())
 
     def finish_stop(self, written_ns: int) -> StopTimes:

@@ -49,11 +49,7 @@ class PositionHistory:
         return last[1], last[2], max(ways) / (longest_ns * 1e-9), *between
 
     def at(self, times_ns: Int64Array, beyond_s: float, *, moving: bool) -> tuple[Float64Array, Float64Array]:
-        """Return both positions at times: straight between polls, past the last by its speed if it moves.
-
-        Raises:
-            DeviceTimeout: A time is more than ``beyond_s`` past the last poll.
-        """
+        """Return both positions at times: straight between polls, past the last by its speed if it moves."""
         rows = self._since(int(times_ns[0]) if len(times_ns) else 0)
         stamps = np.array([row[0] for row in rows], dtype=np.int64)
         late_ns = int(times_ns[-1] - stamps[-1]) if len(times_ns) else 0
@@ -81,16 +77,7 @@ class PositionHistory:
 
 
 def crossing_ns(times_ns: Int64Array, place_m: Float64Array, wanted_m: float) -> int:
-    """Return when a place was passed, linear between two samples; the last time if it was passed often.
-
-    Args:
-        times_ns: Times, shape (n,).
-        place_m: Positions at them, shape (n,).
-        wanted_m: The place.
-
-    Raises:
-        DeviceError: It was never passed.
-    """
+    """Return when a place was passed, linear between two samples; the last time if it was passed often."""
     beyond = place_m > wanted_m
     passes = np.flatnonzero(beyond[1:] != beyond[:-1])
     if not len(passes):

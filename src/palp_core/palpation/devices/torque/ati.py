@@ -99,11 +99,7 @@ class AtiTorque:
         self._first = 0
 
     def open(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> None:
-        """Connect, choose and read the calibration, and begin to poll.
-
-        Raises:
-            DeviceError: No bus, no sensor, or open already.
-        """
+        """Connect, choose and read the calibration, and begin to poll."""
         self._receiver.refuse_if_running()
         self._host.observe(now_ns)
         warn_unverified("ati", self.UNVERIFIED, self.verified)
@@ -121,21 +117,13 @@ class AtiTorque:
 
     @property
     def sensor(self) -> SensorCalibration:
-        """What the sensor said of itself when it was connected last.
-
-        Raises:
-            DeviceError: It never was.
-        """
+        """What the sensor said of itself when it was connected last."""
         if self._session is None:
             raise DeviceError("ati: not open; open it first")
         return self._session.calibration
 
     def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueSamples:
-        """Return every sample received since the last call.
-
-        Raises:
-            DeviceError: The sensor was never open.
-        """
+        """Return every sample received since the last call."""
         self._host.observe(now_ns)
         per_count = self.sensor.per_count_rows
         raw = [self._samples.popleft() for _ in range(len(self._samples))]

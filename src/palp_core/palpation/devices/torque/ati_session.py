@@ -54,22 +54,6 @@ class AtiSession:
     for 8 ms the reply is taken for lost; after a second one for 0.25 s, and then the link is. Hence a steady
     delay never yields a sample that passes for fresh, unless it is shorter than those 8 ms and two waits for
     a prompt reply, 12 ms in all at 1 kHz.
-
-    Args:
-        bus: An open :class:`can.Bus`, which the session shuts down.
-        base_id: Bits 4 to 10 of the sensor's identifiers.
-        calibration: Number of the calibration to use.
-        rate_hz: Of the samples; 0 for as fast as possible.
-        gap_s: A longer interval between samples is a gap.
-        samples: Where samples go.
-        first: Number of the first sample.
-        gap: Whether samples are missing before the first.
-        set_up_s: Longest wait for the answer to a question of the set-up.
-        lost_s: Longest silence of the bus before the link is taken for lost.
-        clock: Monotonic time in s.
-
-    Raises:
-        DeviceError: The sensor does not answer.
     """
 
     def __init__(
@@ -141,11 +125,7 @@ class AtiSession:
         return self._pair(self._prompt_s)
 
     def _settle(self, stop: threading.Event) -> None:
-        """Throw away what was asked for and comes late, until nothing is owed or the bus is quiet.
-
-        Raises:
-            DeviceTimeout: It has been quiet for so long that the link is lost.
-        """
+        """Throw away what was asked for and comes late, until nothing is owed or the bus is quiet."""
         heard = False
         while self._owed and not stop.is_set():
             if self._pair(_QUIET_S if self._missed == 1 else self._lost_s, stop) is not None:
@@ -262,15 +242,7 @@ class AtiSession:
 
 
 def open_bus(options: Mapping[str, Any], greeting_s: float = GREETING_S) -> Any:
-    """Open the bus.
-
-    Args:
-        options: For :class:`can.Bus`.
-        greeting_s: Longest wait for a socketcand server.
-
-    Raises:
-        DeviceError: It cannot be opened.
-    """
+    """Open the bus."""
     # python-can warns at every frame that came in two pieces
     logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
     interface = options.get("interface")

@@ -28,10 +28,6 @@ class PatientBus(SocketCanDaemonBus):
     the last answer at once. And it would make nine system calls of an exchange that takes four: here what is
     there is read before it is waited for, and is acknowledged on its own only if more is waited for, as a
     server may hold back its next frame until then.
-
-    Args:
-        greeting_s: Longest wait for a server that says nothing or takes nothing.
-        options: Of python-can's bus.
     """
 
     def __init__(self, greeting_s: float, **options: Any) -> None:
@@ -58,11 +54,7 @@ class PatientBus(SocketCanDaemonBus):
             raise
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame.
-
-        Raises:
-            OSError: The connection is lost, or the server takes nothing.
-        """
+        """Send a frame."""
         connection, data = self._connection, convert_can_message_to_ascii_message(msg).encode("ascii")
         self._unacknowledged = False  # it goes along
         try:
@@ -77,12 +69,7 @@ class PatientBus(SocketCanDaemonBus):
                 connection.setblocking(False)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """Return the next frame; None if none comes in time.
-
-        Raises:
-            can.CanError: The connection is lost, or what comes is no socketcand's.
-            OSError: The former, too.
-        """
+        """Return the next frame; None if none comes in time."""
         end_s = None if timeout is None else time.monotonic() + timeout
         while not self._frames:
             try:
@@ -121,18 +108,7 @@ class PatientBus(SocketCanDaemonBus):
 
 
 def open_socketcand(options: Mapping[str, Any], greeting_s: float = GREETING_S) -> PatientBus:
-    """Open the bus of a server.
-
-    Args:
-        options: ``host``, ``port``, ``channel``, and what else python-can takes.
-        greeting_s: Longest wait for what the server says.
-
-    Raises:
-        DeviceError: One of the three is missing.
-        OSError: Nobody is there or nothing is said.
-        ValueError: It is no socketcand.
-        can.CanError: It was, a moment ago.
-    """
+    """Open the bus of a server."""
     for name in ("host", "port", "channel"):
         if name not in options:
             raise DeviceError(
@@ -152,12 +128,7 @@ def _greet(host: str, port: int, channel: str, greeting_s: float) -> None:
 
 
 def _expect(connection: socket.socket, expected: bytes, greeting_s: float) -> None:
-    """Read one answer, however it is cut, and nothing that follows it.
-
-    Raises:
-        OSError: Nothing is said.
-        ValueError: Something else is.
-    """
+    """Read one answer, however it is cut, and nothing that follows it."""
     answer, end_s = b"", time.monotonic() + greeting_s
     while not answer.endswith(b">") and len(answer) < _LONGEST:
         connection.settimeout(max(end_s - time.monotonic(), 1e-3))

@@ -64,11 +64,7 @@ def torque_block(
 
 
 def bias_from(block: TorqueSamples, state: WrenchState) -> Float64Array:
-    """Make the mean of a block, read unloaded, the new zero of forces and torques; return it, shape (6,).
-
-    Raises:
-        DeviceError: The block is empty or has samples that must not be used.
-    """
+    """Make the mean of a block, read unloaded, the new zero of forces and torques; return it, shape (6,)."""
     if not len(block.wrench) or bool(np.any(block.faulty)):
         raise DeviceError(
             "torque: cannot tare from an empty or faulty block; unload the probe and read again"

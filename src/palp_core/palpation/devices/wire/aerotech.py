@@ -95,11 +95,7 @@ def place_m(controller_mm: P, origin_m: float, sign: int) -> P:
 
 
 def mask(value: bytes) -> int:
-    """Return the bits of a reply's value: a signed 32-bit decimal number.
-
-    Raises:
-        DeviceError: It is none.
-    """
+    """Return the bits of a reply's value: a signed 32-bit decimal number."""
     try:
         number = int(value)
     except ValueError as error:

@@ -69,12 +69,7 @@ def is_saturated(values: tuple[int, ...]) -> bool:
 
 
 def gauges(first: bytes, second: bytes) -> tuple[int, tuple[int, ...]]:
-    """Return the status word and gauges 0 to 5 of a pair of frames.
-
-    Args:
-        first: Data of the first frame: status, gauges 0, 2, 4.
-        second: Data of the second frame: gauges 1, 3, 5.
-    """
+    """Return the status word and gauges 0 to 5 of a pair of frames."""
     status, g0, g2, g4 = _FIRST(first)
     g1, g3, g5 = _SECOND(second)
     return status, (g0, g1, g2, g3, g4, g5)
