@@ -15,7 +15,6 @@ from palp_core.palpation.perception.emg.calibration import Calibration, calibrat
 from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.emg.settings import Crosstalk
-from palp_core.palpation.perception.strategy.figure5 import matrices
 from palp_core.units import Float64Array
 
 RATE_HZ = 1500.0
@@ -118,22 +117,6 @@ def test_thresholds_that_do_not_fit_together_are_refused() -> None:
     assert Cocontraction.examine(CoContractionParams()) == {}
 
 
-def test_it_sees_about_as_many_peaks_as_the_muscles_made(whole: Whole) -> None:
-    """The simulated subject holds each level for 1 s on average: 60 levels in 60 s, with no rest between."""
-    stream, levels = whole
-    assert 45 <= len(levels) <= 75
-    assert stream[-1].burst_count <= 1
-
-
-def test_the_levels_are_as_frequent_as_in_the_chain(whole: Whole) -> None:
-    _, seen = whole
-    values, vectors = np.linalg.eig(matrices().mean(axis=0))
-    law = np.real(vectors[:, int(np.argmax(np.real(values)))])
-    law = law / law.sum()
-    assert set(seen) <= set(range(5))
-    assert np.mean(seen) == pytest.approx(law @ np.arange(5), abs=0.6)
-
-
 def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock], whole: Whole) -> None:
     relaxing = [b for b in recording if b.start_ns < 20e9]
     idle = np.concatenate([b.fds_v for b in recording if b.phase == "rest"])[:75]
@@ -176,14 +159,3 @@ def test_the_offset_of_the_electrodes_does_not_matter(recording: list[EmgBlock])
     shifted = processed([shift(b) for b in some])
     for a, b in zip(processed(some), shifted, strict=True):
         np.testing.assert_allclose(a.value, b.value, rtol=1e-6)
-
-
-def test_a_replacement_continues_byte_for_byte(recording, successor, frames_of) -> None:  # type: ignore[no-untyped-def]
-    some = [b for b in recording if b.start_ns < 20e9]
-    straight, first = Bench(Cocontraction), Bench(Cocontraction)
-    for bench in (straight, first):
-        bench.feed(Cocontraction.emg, *some[:250])
-    second = successor(first)
-    for bench in (straight, second):
-        bench.feed(Cocontraction.emg, *some[250:])
-    assert frames_of(first) + frames_of(second) == frames_of(straight)

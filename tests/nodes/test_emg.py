@@ -12,7 +12,7 @@ from msgs.human import MuscleCue
 from nodes import emg
 from nodes.emg import Emg
 from palp_core import Bench
-from palp_core.errors import DeviceError, GraphError, NodeError
+from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition, DeviceHealth
@@ -54,14 +54,6 @@ def test_the_phases_are_rest_mvc_rest_palpation() -> None:
     assert begins_s == {"mvc": pytest.approx(2.0, abs=0.06), "palpation": pytest.approx(9.0, abs=0.06)}
 
 
-def test_the_maximum_contraction_is_the_strongest_phase() -> None:
-    rms = {
-        phase: np.sqrt(np.mean(np.var(joined([b for b in recorded() if b.phase == phase]), axis=1)))
-        for phase in ("rest", "mvc", "palpation")
-    }
-    assert rms["mvc"] > 1.5 * rms["palpation"] > 3.0 * rms["rest"]
-
-
 def test_after_the_palpation_nothing_is_due() -> None:
     bench = Bench(Emg, {"palpation_s": 2.0})
     bench.advance(BEFORE_S + 2.0)
@@ -81,36 +73,6 @@ def test_neither_the_blocks_nor_the_end_of_the_palpation_change_or_lose_a_sample
     assert len(fds_v) == np.floor((BEFORE_S + palpation_s) * 1500.0 + 1e-6) + 1
     np.testing.assert_allclose(fds_v, whole[0][: len(fds_v)], rtol=0.0, atol=1e-15)
     np.testing.assert_allclose(edc_v, whole[1][: len(edc_v)], rtol=0.0, atol=1e-15)
-
-
-def test_the_same_seed_gives_the_same_recording(frames_of) -> None:  # type: ignore[no-untyped-def]
-    def run(seed: int) -> list[bytes]:
-        bench = Bench(Emg, {"palpation_s": 1.0}, seed=seed)
-        bench.advance(12.0)
-        return frames_of(bench)  # type: ignore[no-any-return]
-
-    assert run(1) == run(1) != run(2)
-
-
-def test_a_replacement_continues_the_recording_and_ends_it_in_time(successor, frames_of) -> None:  # type: ignore[no-untyped-def]
-    whole, first = Bench(Emg, {"palpation_s": 2.0}), Bench(Emg, {"palpation_s": 2.0})
-    for bench in (whole, first):
-        bench.advance(9.73)
-    second = successor(first)
-    for bench in (whole, second):
-        bench.advance(10.0)
-    assert frames_of(first) + frames_of(second) == frames_of(whole)
-    assert second.executor.next_due_ns() is None
-
-
-def test_a_block_of_no_samples_is_refused() -> None:
-    with pytest.raises(GraphError, match="block_samples"):
-        Bench(Emg, {"block_samples": 0})
-
-
-def test_an_unknown_amplifier_is_named() -> None:
-    with pytest.raises(NodeError, match="no emg device 'foot'"):
-        Bench(Emg, {"device": "foot"})
 
 
 class ScriptedSource:

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msgs.experiment import Mount
 from nodes.emulated_phantom import EmulatedPhantom
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
+from tests.support.rig_messages import mount
 
 PORTS = {"stage_port": 0, "stop_port": 0, "can_port": 0, "emg_port": 0}
 
@@ -35,8 +35,8 @@ def test_the_devices_are_there(bench: Bench[EmulatedPhantom], tmp_path: Path) ->
 
 
 def test_each_mounting_has_its_own_height_and_is_told(bench: Bench[EmulatedPhantom]) -> None:
-    bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code="A", remount=0))
-    bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code="C", remount=1))
+    bench.feed(EmulatedPhantom.mount, mount("A", 0))
+    bench.feed(EmulatedPhantom.mount, mount("C", 1))
     first, second = bench.sent(EmulatedPhantom.truth)
     assert (first.code, second.code) == ("A", "C")
     assert first.height_offset_m != second.height_offset_m
@@ -67,7 +67,7 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_wa
         rig.axes.z.move(0.02, 0.05, 60_000_000_000)
 
     def touched(code: str, remount: int) -> list[tuple[str, int, float]]:
-        bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+        bench.feed(EmulatedPhantom.mount, mount(code, remount))
         rig.call(touch)
         bench.advance(0.3)
         told = bench.sent(EmulatedPhantom.guard)
@@ -100,7 +100,7 @@ def test_a_noise_file_has_the_spreads_of_torque_ring_and_height(tmp_path: Path) 
     write_noise(noise, tmp_path / "noise.yaml")
     params = {**PORTS, "folder": str(tmp_path), "noise": str(tmp_path / "noise.yaml")}
     quiet = Bench(EmulatedPhantom, params, seed=3)
-    quiet.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code="A", remount=0))
+    quiet.feed(EmulatedPhantom.mount, mount("A", 0))
     (truth,) = quiet.sent(EmulatedPhantom.truth)
     assert truth.height_offset_m == 0.0
 
@@ -123,7 +123,7 @@ def test_a_noise_file_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
 def test_in_the_labs_world_each_mounting_tells_what_it_is_off_by(tmp_path: Path) -> None:
     bench = Bench(EmulatedPhantom, {**PORTS, "folder": str(tmp_path), "world": "lab"}, seed=3)
     for remount, code in enumerate("AAC"):
-        bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+        bench.feed(EmulatedPhantom.mount, mount(code, remount))
     first, again, other = bench.sent(EmulatedPhantom.world_truth)
     heights = [told.height_offset_m for told in bench.sent(EmulatedPhantom.truth)]
     bench.executor.transition(Transition.SHUTDOWN)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msgs.actuator import RingCommand, RingState, RingTruth
-from msgs.estimation import Belief, Palpation, PrimitivesLearnt
+from msgs.actuator import RingCommand, RingTruth
+from msgs.estimation import Belief, Palpation
 from msgs.experiment import Mount, PhantomTruth, Trial
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
@@ -22,6 +22,7 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import Message, decode
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
+from tests.support.rig_messages import belief, learnt, ring_state
 
 DEPTHS_M = {"A": 0.002, "B": 0.004, "C": 0.008}
 ASKS: dict[str, type[Message]] = {
@@ -122,17 +123,7 @@ class Rig:
 
     def _begin(self, trial: Trial) -> None:
         if trial.phase == "estimation" and (self._trial is None or self._trial.phase == "training"):
-            cells = (3, len(RINGS_M))
-            learnt = PrimitivesLearnt(
-                stamp_ns=0,
-                depths_m=np.array(list(DEPTHS_M.values())),
-                rings_m=np.array(RINGS_M),
-                mean_n_m=np.arange(15.0).reshape(cells).ravel(),
-                sd_n_m=np.ones(15),
-                count=np.ones(15),
-                floor_n_m=1e-5,
-            )
-            self.bench.feed(Experiment.primitives, learnt)
+            self.bench.feed(Experiment.primitives, learnt())
         self._trial, self._iteration = trial, 0
         if trial.phase == "estimation":
             self._command()
@@ -151,15 +142,8 @@ class Rig:
         if not self.ring_stays or command.iteration < 2:
             self._true_m = self._ring_m + 1e-5 * (1 + len(self.asked) % 7)
         for settled in (False, True):
-            state = RingState(
-                stamp_ns=0,
-                trial=command.trial,
-                iteration=command.iteration,
-                rehome=command.rehome,
-                target_m=self._ring_m,
-                measured_m=self._ring_m,
-                settled=settled,
-            )
+            said = {"rehome": command.rehome, "settled": settled}
+            state = ring_state(self._ring_m, command.trial, command.iteration, **said)
             truth = RingTruth(
                 stamp_ns=0, trial=command.trial, iteration=command.iteration, ring_m=self._true_m
             )
@@ -196,20 +180,9 @@ class Rig:
 
     def _belief(self, verdict: str) -> Belief:
         assert self._trial is not None
-        return Belief(
-            stamp_ns=0,
-            trial=self._trial.trial,
-            iteration=self._iteration,
-            depths_m=np.array(list(DEPTHS_M.values())),
-            posterior=np.array([0.1, 0.7, 0.2]),
-            gain=np.array([0.0, 0.4, 0.1]),
-            gamma=0.25,
-            gamma_defined=self._iteration > 1,
-            verdict=verdict,
-            estimate_m=0.004,
-            confidence=0.7,
-            outlier=False,
-        )
+        known = {"posterior": (0.1, 0.7, 0.2), "gain": np.array([0.0, 0.4, 0.1]), "gamma": 0.25}
+        known |= {"gamma_defined": self._iteration > 1}
+        return belief(self._trial.trial, self._iteration, verdict, **known)
 
     def _palpation(self, trial: int, iteration: int) -> Palpation:
         torque_n_m = np.full(700, 1e-3 * trial + 1e-5 * iteration)
@@ -237,14 +210,27 @@ def run(out: Path, order: dict[str, bool] | None = None, **params: Any) -> Rig:
     return rig
 
 
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """The rig after a whole session, to be looked at only."""
+    return run(tmp_path_factory.mktemp("done"))
+
+
+def folder_of(rig: Rig) -> Path:
+    return Path(rig.bench.node.record.folder)
+
+
+def rows_of(rig: Rig) -> list[Row]:
+    return read_rows(folder_of(rig))
+
+
 def by_phase(rows: list[Row], phase: str) -> list[Row]:
     return [row for row in rows if row.phase == phase]
 
 
-def test_the_whole_plan_is_done_and_ends_with_code_0(tmp_path: Path) -> None:
-    rig = run(tmp_path)
-    assert rig.bench.executor.exit_code == 0
-    rows = read_rows(tmp_path)
+def test_the_whole_plan_is_done_and_ends_with_code_0(done: Rig) -> None:
+    assert done.bench.executor.exit_code == 0
+    rows = rows_of(done)
     cells = Counter((row.phantom, row.ring_m) for row in by_phase(rows, "training"))
     assert cells == {(code, ring_m): 2 for code in DEPTHS_M for ring_m in RINGS_M}
     assert Counter(r.phantom for r in by_phase(rows, "estimation") if r.verdict != "continue") == {
@@ -254,8 +240,8 @@ def test_the_whole_plan_is_done_and_ends_with_code_0(tmp_path: Path) -> None:
     }
 
 
-def test_training_comes_first_and_each_trial_follows_its_mounting(tmp_path: Path) -> None:
-    rows = read_rows(run(tmp_path).bench.node.record.folder)
+def test_training_comes_first_and_each_trial_follows_its_mounting(done: Rig) -> None:
+    rows = rows_of(done)
     phases = [row.phase for row in rows]
     assert phases == sorted(phases, reverse=True)
     assert [row.row for row in rows] == list(range(len(rows)))
@@ -265,13 +251,12 @@ def test_training_comes_first_and_each_trial_follows_its_mounting(tmp_path: Path
     assert set(remounts) == set(range(6))
 
 
-def test_every_row_has_its_sweep_and_all_its_facts(tmp_path: Path) -> None:
-    run(tmp_path)
-    rows = read_rows(tmp_path)
+def test_every_row_has_its_sweep_and_all_its_facts(done: Rig) -> None:
+    rows = rows_of(done)
     numbers = [(row.phase, row.trial) for row in rows if row.iteration == 1]
     assert numbers == [("training", n) for n in range(1, 31)] + [("estimation", n) for n in range(1, 7)]
     for row in rows:
-        torque_n_m, rate_hz = read_sweep(tmp_path, row.row)
+        torque_n_m, rate_hz = read_sweep(folder_of(done), row.row)
         np.testing.assert_array_equal(
             torque_n_m, 1e-3 * numbers.index((row.phase, row.trial)) + 1e-5 * row.iteration
         )
@@ -294,9 +279,8 @@ def test_a_row_says_what_its_own_sweep_met(tmp_path: Path, order: dict[str, bool
     assert 0 < sum(map(bool, rig.felt)) < len(rig.felt)
 
 
-def test_the_label_is_told_in_training_only(tmp_path: Path) -> None:
-    rig = run(tmp_path)
-    trials = [request for request in rig.asked if isinstance(request, Trial)]
+def test_the_label_is_told_in_training_only(done: Rig) -> None:
+    trials = [request for request in done.asked if isinstance(request, Trial)]
     for trial in trials:
         if trial.phase == "training":
             assert trial.label_known
@@ -306,25 +290,23 @@ def test_the_label_is_told_in_training_only(tmp_path: Path) -> None:
     assert [trial.trial for trial in trials] == list(range(30 + 6))
 
 
-def test_a_trial_goes_on_as_long_as_its_verdict_is_open(tmp_path: Path) -> None:
-    run(tmp_path)
+def test_a_trial_goes_on_as_long_as_its_verdict_is_open(done: Rig) -> None:
     probes: dict[int, list[str]] = {}
-    for row in by_phase(read_rows(tmp_path), "estimation"):
+    for row in by_phase(rows_of(done), "estimation"):
         assert row.iteration == len(probes.setdefault(row.trial, [])) + 1
         probes[row.trial].append(row.verdict)
     for trial, verdicts in enumerate(probes.values(), start=30):
         assert verdicts == ["continue"] * (trial % 3) + ["undecided" if trial % 2 else "decided"]
 
 
-def test_each_estimation_trial_has_a_result(tmp_path: Path) -> None:
-    results = run(tmp_path).bench.sent(Experiment.result)
+def test_each_estimation_trial_has_a_result(done: Rig) -> None:
+    results = done.bench.sent(Experiment.result)
     assert len(results) == 6
     assert all(r.probe_count == 1 + r.trial % 3 for r in results)
 
 
-def test_the_ring_is_commanded_in_training_only(tmp_path: Path) -> None:
-    rig = run(tmp_path)
-    moves = [r for r in rig.asked if isinstance(r, RingCommand) and not r.rehome]
+def test_the_ring_is_commanded_in_training_only(done: Rig) -> None:
+    moves = [r for r in done.asked if isinstance(r, RingCommand) and not r.rehome]
     assert [m.trial for m in moves] == list(range(30))
 
 
@@ -344,39 +326,26 @@ def test_no_sweep_begins_before_the_ring_rests(tmp_path: Path) -> None:
     Rig(bench).run(2)  # the mounting and the re-homing
     (command,) = [c for c in bench.sent(Experiment.ring) if not c.rehome]
 
-    def ring(*, settled: bool) -> RingState:
-        return RingState(
-            stamp_ns=0,
-            trial=command.trial,
-            iteration=command.iteration,
-            rehome=False,
-            target_m=command.ring_m,
-            measured_m=0.0,
-            settled=settled,
-        )
-
-    bench.feed(Experiment.ring_state, ring(settled=False))
-    assert bench.sent(Experiment.goal) == []
-    bench.feed(Experiment.ring_state, ring(settled=True))
-    assert len(bench.sent(Experiment.goal)) == 1
+    for settled in (False, True):
+        state = ring_state(command.ring_m, command.trial, command.iteration, settled=settled)
+        bench.feed(Experiment.ring_state, state)
+        assert len(bench.sent(Experiment.goal)) == settled
 
 
-def test_no_sweep_begins_before_the_stage_is_back(tmp_path: Path) -> None:
-    rig = run(tmp_path)
-    goals = [r for r in rig.asked if isinstance(r, SweepGoal)]
-    assert [g.goal_id for g in goals] == list(range(1, len(read_rows(tmp_path)) + 1))
+def test_no_sweep_begins_before_the_stage_is_back(done: Rig) -> None:
+    goals = [r for r in done.asked if isinstance(r, SweepGoal)]
+    assert [g.goal_id for g in goals] == list(range(1, len(rows_of(done)) + 1))
     assert {(g.from_m, g.to_m, g.cancel) for g in goals} == {(-0.03, 0.05, False)}
 
 
-def test_the_memory_primitives_are_kept(tmp_path: Path) -> None:
-    run(tmp_path)
-    content = json.loads((tmp_path / "primitives.json").read_text(encoding="utf-8"))
+def test_the_memory_primitives_are_kept(done: Rig) -> None:
+    content = json.loads((folder_of(done) / "primitives.json").read_text(encoding="utf-8"))
     assert content["rings_m"] == list(RINGS_M)
     assert np.shape(content["mean"]) == np.shape(content["sd"]) == np.shape(content["count"]) == (3, 5)
 
 
-def test_progress_counts_palpations_then_trials_and_ends_once(tmp_path: Path) -> None:
-    told = run(tmp_path).bench.sent(Experiment.progress)
+def test_progress_counts_palpations_then_trials_and_ends_once(done: Rig) -> None:
+    told = done.bench.sent(Experiment.progress)
     assert [p.phase for p in told].count("done") == 1
     assert told[-1].phase == "done"
     training = [p.done_count for p in told if p.phase == "training"]
@@ -384,12 +353,12 @@ def test_progress_counts_palpations_then_trials_and_ends_once(tmp_path: Path) ->
     assert {p.total_count for p in told if p.phase == "training"} == {30}
     assert (told[-1].done_count, told[-1].total_count) == (6, 6)
     assert told[-1].score == pytest.approx(2 / 6)  # the rig always says 4 mm
-    assert told[-1].busy_s == pytest.approx(0.7 * len(read_rows(tmp_path)))
+    assert told[-1].busy_s == pytest.approx(0.7 * len(rows_of(done)))
 
 
-def test_live_accuracy_is_told_by_depth_as_phantoms_come_in_blocks(tmp_path: Path) -> None:
-    told = [p.text for p in run(tmp_path).bench.sent(Experiment.progress) if p.phase != "training"]
-    rows = [row for row in read_rows(tmp_path) if row.verdict in ("decided", "undecided")]
+def test_live_accuracy_is_told_by_depth_as_phantoms_come_in_blocks(done: Rig) -> None:
+    told = [p.text for p in done.bench.sent(Experiment.progress) if p.phase != "training"]
+    rows = [row for row in rows_of(done) if row.verdict in ("decided", "undecided")]
     first = next(text for text in told if text.startswith("trials, right"))
     assert told[0] == "trials"  # of one depth the score says as much
     assert told[-1] == "trials, right: 2 mm 0 of 2, 4 mm 2 of 2, 8 mm 0 of 2"  # the rig always says 4 mm
@@ -444,29 +413,10 @@ def test_a_replacement_finishes_the_same_experiment(
     assert len(list((tmp_path / "parts" / "sweeps").iterdir())) == len(read_rows(tmp_path / "parts"))
 
 
-def test_mounts_may_be_spread_over_the_session(tmp_path: Path) -> None:
-    rig = run(tmp_path, training_mounts=2, estimation_mounts=2)
-    mounts = [r for r in rig.asked if isinstance(r, Mount)]
-    assert [m.remount for m in mounts] == list(range(12))
-    assert Counter(m.code for m in mounts) == {"A": 4, "B": 4, "C": 4}
-
-
-def test_phantoms_come_from_the_file_named(tmp_path: Path) -> None:
-    file = tmp_path / "phantoms.yaml"
-    file.write_text("B: {bead: {depth_m: 0.004}}\nbare: {bead: none}\n", encoding="utf-8")
-    rig = run(tmp_path / "out", phantoms=str(file))
-    assert {r.code for r in rig.asked if isinstance(r, Mount)} == {"B"}
-
-
 def test_a_record_that_cannot_be_written_is_an_error_that_says_where(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(NodeError, match="cannot write the record to"):
         Bench(Experiment, params_in(tmp_path / "file"))
-
-
-def test_more_mounts_than_trials_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(NodeError, match="estimation_mounts is 3 for 2 repeats"):
-        Bench(Experiment, params_in(tmp_path, estimation_mounts=3))
 
 
 @pytest.mark.parametrize("stop", ["paper_guarded", "paper"])

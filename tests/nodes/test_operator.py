@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from msgs.experiment import Mount, MountedRequest
+from msgs.experiment import MountedRequest
 from msgs.operator import AnswerRequest
 from nodes.operator import Operator
 from palp_core import Bench
 from palp_core.errors import NodeError
+from tests.support.rig_messages import mount
 
-ASKED = Mount(stamp_ns=0, code="B", remount=3)
+ASKED = mount("B", 3)
 
 
 def test_the_phantom_is_on_when_the_person_says_so() -> None:
@@ -44,7 +45,7 @@ def test_the_wrong_phantom_is_refused() -> None:
 
 def test_a_phantom_that_does_not_exist_is_refused() -> None:
     with pytest.raises(NodeError, match="no phantom 'Z'"):
-        Bench(Operator).feed(Operator.mount, Mount(stamp_ns=0, code="Z", remount=0))
+        Bench(Operator).feed(Operator.mount, mount("Z", 0))
 
 
 def test_the_operators_desk_asks_with_the_indentation_and_takes_enter_once() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from msgs.safety import SafetyBeat, StopRequest
+from msgs.safety import StopRequest
 from msgs.stage import SweepGoal
 from nodes.rig_stage import RigStage
 from nodes.safety import Safety, SafetyParams
@@ -22,6 +22,7 @@ from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.published import published
 from tests.support import made_up_stage
 from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
+from tests.support.permitted import PermittedBench
 
 ROOT = Path(__file__).resolve().parents[2]
 OWN_LINK = {"device": "made_up", "options": {"port": 7}, "stop_link": "port 8", "watch_processes": False}
@@ -36,25 +37,18 @@ def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     MadeUpStop.written.clear()
 
 
-def run(bench: Bench[RigStage], seconds: float) -> None:
-    for _ in range(round(seconds * 100)):
-        bench.advance(0.01)
-        beat = SafetyBeat(
-            stamp_ns=bench.clock.now_ns(),
-            state="ready",
-            permits=True,
-            permits_sweep=True,
-            acknowledged_count=0,
-        )
-        bench.feed(RigStage.safety, beat)
+def permitted() -> PermittedBench:
+    bench = Bench(RigStage, {"device": "made_up", "options": {"port": 7}})
+    return PermittedBench(bench, bench.node.device)
 
 
 def test_the_stage_node_sweeps_with_it() -> None:
-    bench = Bench(RigStage, {"device": "made_up", "options": {"port": 7}})
-    assert isinstance(bench.node.device, MadeUpStage)
-    run(bench, 0.1)
+    stage = permitted()
+    bench = stage.bench
+    assert isinstance(stage.device, MadeUpStage)
+    stage.run(0.1)
     bench.feed(RigStage.goal, GOAL)
-    run(bench, 2.0)
+    stage.run(2.0)
     words = [status.status for status in bench.sent(RigStage.status)]
     assert words == ["ready", "sweeping", "swept", "ready"]
     swept = next(status for status in bench.sent(RigStage.status) if status.status == "swept")
@@ -68,10 +62,10 @@ def test_the_stage_node_sweeps_with_it() -> None:
 
 
 def test_a_replacement_takes_over_what_it_remembers(successor: Callable[..., Bench[RigStage]]) -> None:
-    bench = Bench(RigStage, {"device": "made_up", "options": {"port": 7}})
-    run(bench, 0.1)
-    bench.node.memory.z_m = 0.007
-    remembered = successor(bench).node.memory
+    stage = permitted()
+    stage.run(0.1)
+    stage.bench.node.memory.z_m = 0.007
+    remembered = successor(stage.bench).node.memory
     assert isinstance(remembered, MadeUpState)
     assert remembered.z_m == 0.007
 

@@ -9,18 +9,14 @@ import numpy as np
 import pytest
 
 from msgs.actuator import RingTruth
-from msgs.experiment import Mount
 from msgs.stage import StagePose
 from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.units import Float64Array
+from tests.support.rig_messages import mount
 
 PATH_M = np.linspace(-0.03, 0.05, 401)
-
-
-def mount(code: str, remount: int = 0) -> Mount:
-    return Mount(stamp_ns=0, code=code, remount=remount)
 
 
 def ring(ring_m: float) -> RingTruth:
@@ -69,20 +65,6 @@ def test_a_pose_is_answered_at_its_own_times(flat: Bench[Phantom]) -> None:
     contact = flat.sent(Phantom.contact)[0]
     assert (contact.goal_id, contact.start_ns, contact.rate_hz) == (9, 3_000_000, 100.0)
     assert len(contact.torque_n_m) == len(PATH_M)
-
-
-def test_the_peak_falls_with_depth(flat: Bench[Phantom]) -> None:
-    peaks = [torque_n_m(flat, code).max() for code in "ABC"]
-    assert peaks[0] > peaks[1] > peaks[2] > 0.0
-
-
-def test_the_peak_rises_with_the_ring(flat: Bench[Phantom]) -> None:
-    peaks = [torque_n_m(flat, "A", ring_m).max() for ring_m in (0.0, 0.004, 0.008, 0.012, 0.016)]
-    assert np.all(np.diff(peaks) > 0.0)
-
-
-def test_the_peak_lies_near_the_nodule(flat: Bench[Phantom]) -> None:
-    assert abs(PATH_M[int(np.argmax(torque_n_m(flat)))]) < 0.03
 
 
 def test_the_truth_names_depth_rung_and_its_bound(flat: Bench[Phantom]) -> None:
@@ -146,13 +128,6 @@ def test_each_remount_draws_the_height_anew() -> None:
     assert heights_m.std() == pytest.approx(0.1e-3, rel=0.2)
 
 
-def test_a_higher_surface_is_pressed_harder() -> None:
-    bench = Bench(Phantom, {"height_sd_mm": 0.3})
-    peaks = [torque_n_m(bench).max() for _ in range(6)]
-    heights_m = [t.height_offset_m for t in bench.sent(Phantom.truth)]
-    assert np.argsort(peaks).tolist() == np.argsort(heights_m).tolist()
-
-
 def test_the_table_is_reused_while_the_ring_stays(flat: Bench[Phantom]) -> None:
     torque_n_m(flat)
     table = flat.node.table
@@ -184,14 +159,3 @@ def test_an_unknown_code_is_named(flat: Bench[Phantom]) -> None:
 def test_a_sweep_over_nothing_is_an_error(flat: Bench[Phantom]) -> None:
     with pytest.raises(NodeError, match="no phantom is mounted"):
         flat.feed(Phantom.pose, pose())
-
-
-def test_a_replacement_feels_the_same_mounting(successor, frames_of) -> None:  # type: ignore[no-untyped-def]
-    whole, first = Bench(Phantom), Bench(Phantom)
-    for bench in (whole, first):
-        torque_n_m(bench)
-    second = successor(first)
-    for bench in (whole, second):
-        bench.feed(Phantom.pose, pose())
-        bench.feed(Phantom.mount, mount("A", 1))
-    assert frames_of(first) + frames_of(second) == frames_of(whole)

@@ -6,30 +6,29 @@ from typing import Any
 
 import pytest
 
-from msgs.actuator import RingCommand
-from msgs.safety import SafetyBeat
 from nodes import rig_actuator
 from nodes.rig_actuator import RigActuator
 from palp_core import Bench
 from palp_core.errors import DeviceError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
+from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.protocols import RingReading
 from palp_core.palpation.devices.ring.maestro import MaestroState
+from tests.support.permitted import PermittedBench, ScriptedDevice
+from tests.support.rig_messages import ring_command
 
 
-class ScriptedRing:
-    """Settles when the test says so; ``calls`` says what was asked of it."""
+class ScriptedRing(ScriptedDevice):
+    """Settles when the test says so."""
 
     state_type = MaestroState
 
     def __init__(self) -> None:
-        self.calls: list[str] = []
+        super().__init__()
         self.settled = True
-        self.refuses = self.broken = self.gone = self.is_open = False
+        self.refuses = self.gone = self.is_open = False
         self.target_m = 0.0
         self.rests_ns, self.waits = 0, ""
-        self.condition = Condition.OK
 
     def open(self, *_: Any) -> None:
         self.calls.append("open")
@@ -38,11 +37,8 @@ class ScriptedRing:
         self.is_open = True
 
     def close(self) -> None:
-        self.calls.append("close")
+        super().close()
         self.is_open = False
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        return HEALTHY if self.condition is Condition.OK else DeviceHealth(self.condition, 0, "scripted")
 
     def command(self, target_m: float, *_: Any) -> int:
         if self.refuses:
@@ -57,9 +53,7 @@ class ScriptedRing:
         return 0
 
     def stop(self, *_: Any) -> None:
-        self.calls.append("stop")
-        if self.broken:
-            raise DeviceError("ring: the link is lost")
+        self.note("stop", "ring: the link is lost")
 
     def acknowledge(self, *_: Any) -> None:
         self.calls.append("acknowledge")
@@ -70,28 +64,18 @@ class ScriptedRing:
         return RingReading(self.target_m, self.target_m, self.settled, self.waits)
 
 
-class Permitted:
-    """A bench with a safety node that speaks every 10 ms."""
+class Permitted(PermittedBench):
+    """A ring that moves while it is permitted."""
+
+    device: ScriptedRing
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.device = ScriptedRing()
-        monkeypatch.setattr(rig_actuator, "open_device", lambda *_, **__: self.device)
-        self.bench = Bench(RigActuator)
-
-    def run(self, seconds: float, state: str = "ready", count: int = 0) -> None:
-        for _ in range(round(seconds * 100)):
-            self.bench.advance(0.01)
-            beat = SafetyBeat(
-                stamp_ns=self.bench.clock.now_ns(),
-                state=state,
-                permits=state == "ready",
-                permits_sweep=True,
-                acknowledged_count=count,
-            )
-            self.bench.feed(RigActuator.safety, beat)
+        device = ScriptedRing()
+        monkeypatch.setattr(rig_actuator, "open_device", lambda *_, **__: device)
+        super().__init__(Bench(RigActuator), device)
 
     def send(self, iteration: int, ring_mm: float, *, rehome: bool = False) -> None:
-        command = RingCommand(stamp_ns=0, trial=1, iteration=iteration, ring_m=ring_mm * 1e-3, rehome=rehome)
+        command = ring_command(ring_mm * 1e-3, 1, iteration, rehome=rehome)
         self.bench.feed(RigActuator.command, command)
 
     @property
@@ -115,7 +99,7 @@ def test_a_move_that_takes_long_is_told(permitted: Permitted, caplog: pytest.Log
     permitted.send(2, 12.0)
     assert "the ring rests in 150 s only: its motor is hot" in caplog.text
     permitted.run(0.1)
-    report = permitted.bench.sent(RigActuator.report)[-1]
+    report = permitted.report
     assert (report.moving, report.condition, report.text) == (True, "ok", "its motor is hot")
 
 
@@ -174,7 +158,7 @@ def test_a_refused_command_is_said_and_tried_again(permitted: Permitted) -> None
     permitted.device.condition = Condition.STALLED
     permitted.send(1, 8.0)
     permitted.run(0.1)
-    assert permitted.bench.sent(RigActuator.report)[-1].condition == "stalled"
+    assert permitted.report.condition == "stalled"
     permitted.device.refuses = False
     permitted.run(0.1)
     assert permitted.device.calls[-1] == "go 8"
@@ -201,7 +185,7 @@ def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_said_and_opened_
     permitted.device.condition, permitted.device.gone = Condition.LINK_LOST, True
     permitted.run(0.1, "latched")
     permitted.run(0.1, "starting", count=1)
-    report = permitted.bench.sent(RigActuator.report)[-1]
+    report = permitted.report
     assert (report.condition, report.text) == ("link lost", "ring: nobody answers")
     assert report.acknowledged_count == 1
     permitted.send(1, 8.0)
@@ -210,6 +194,6 @@ def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_said_and_opened_
     permitted.device.condition, permitted.device.gone = Condition.OK, False
     permitted.run(0.1, "starting", count=2)
     assert permitted.device.calls[-3:] == ["close", "open", "acknowledge"]
-    assert permitted.bench.sent(RigActuator.report)[-1].condition == "ok"
+    assert permitted.report.condition == "ok"
     permitted.run(0.1, "ready", count=2)
     assert permitted.device.calls[-1] == "go 8"

@@ -11,7 +11,7 @@ from msgs.stage import StagePose, SweepGoal
 from nodes.rig_stage import RigStage, RigStageParams
 from nodes.stage import Stage, StageParams
 from palp_core import Bench
-from palp_core.errors import GraphError, NodeError
+from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.params import describe_params
 
@@ -47,14 +47,6 @@ def instants_ns(poses: list[StagePose]) -> list[int]:
 def place_m(bench: Bench[Stage]) -> tuple[float, float]:
     reading = bench.node.device.read(np.array([bench.clock.now_ns()]), bench.node.state.device)
     return float(reading.y_m[0]), float(reading.z_m[0])
-
-
-def test_a_sweep_crosses_the_phantom_at_20_mm_per_s() -> None:
-    bench = swept_once()
-    position_m = np.concatenate([pose.position_m for pose in bench.sent(Stage.pose)])
-    np.testing.assert_allclose(np.diff(position_m), 20e-6, atol=2e-9)
-    assert FROM_M - 1e-9 <= position_m[0] < FROM_M + 21e-6
-    assert TO_M - 21e-6 < position_m[-1] <= TO_M + 1e-9
 
 
 @settings(max_examples=12, deadline=None)
@@ -93,23 +85,6 @@ def test_nothing_ticks_while_the_stage_is_idle() -> None:
     assert bench.executor.next_due_ns() is None
 
 
-def test_it_returns_raised_and_not_over_the_phantom() -> None:
-    bench = Bench(Stage)
-    bench.feed(Stage.goal, goal())
-    while words(bench)[-1:] != ["swept"]:
-        bench.advance(0.01)
-    count = len(bench.sent(Stage.pose))
-    heights_m = []
-    while words(bench)[-1] != "ready":
-        bench.advance(0.01)
-        y_m, z_m = place_m(bench)
-        if FROM_M < y_m < TO_M:
-            heights_m.append(z_m)
-    assert len(bench.sent(Stage.pose)) == count
-    assert min(heights_m) > 0.01
-    assert place_m(bench) == pytest.approx((FROM_M - 0.0012, 0.0))
-
-
 def test_the_same_sweep_again_starts_at_once_from_where_the_stage_waits() -> None:
     bench = swept_once()
     begin_ns = bench.clock.now_ns()
@@ -137,31 +112,12 @@ def test_another_sweep_is_reached_by_the_other_path_first() -> None:
     )
 
 
-def test_the_stage_never_jumps_in_speed() -> None:
-    bench = Bench(Stage)
-    bench.feed(Stage.goal, goal())
-    places = []
-    for _ in range(11_000):
-        bench.advance(0.001)
-        places.append(place_m(bench))
-    speed_m_per_s = np.diff(places, axis=0) / 0.001
-    assert np.abs(np.diff(speed_m_per_s, axis=0)).max() / 0.001 < 1.01
-
-
 def test_a_goal_is_refused_while_another_is_under_way() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal(1))
     bench.advance(1.0)
     with pytest.raises(NodeError, match=r"goal 2 came while goal 1 is returning; wait for 'ready'"):
         bench.feed(Stage.goal, goal(2))
-
-
-def test_a_path_beyond_the_travel_is_refused() -> None:
-    bench = Bench(Stage)
-    bench.feed(Stage.goal, goal(1, -0.03, 0.2))
-    with pytest.raises(NodeError, match="to_m"):
-        bench.advance(5.0)
-    assert bench.sent(Stage.pose) == []
 
 
 def test_cancelling_stops_the_sweep_within_its_braking_way() -> None:
@@ -219,17 +175,6 @@ def test_after_a_cancelled_sweep_the_next_one_is_whole() -> None:
     assert status.sample_count in (4000, 4001)
 
 
-def test_a_replacement_finishes_the_sweep_byte_for_byte(successor, frames_of) -> None:  # type: ignore[no-untyped-def]
-    whole, first = Bench(Stage), Bench(Stage)
-    for bench in (whole, first):
-        bench.feed(Stage.goal, goal())
-        bench.advance(4.3)
-    second = successor(first)
-    whole.advance(20.0)
-    second.advance(20.0)
-    assert frames_of(first) + frames_of(second) == frames_of(whole)
-
-
 def test_a_stage_that_was_deactivated_in_a_sweep_takes_goals_again() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal())
@@ -240,11 +185,6 @@ def test_a_stage_that_was_deactivated_in_a_sweep_takes_goals_again() -> None:
     bench.feed(Stage.goal, goal(2))
     bench.advance(20.0)
     assert words(bench)[-1] == "ready"
-
-
-def test_a_block_of_no_samples_is_refused() -> None:
-    with pytest.raises(GraphError, match="block_samples"):
-        Bench(Stage, {"block_samples": 0})
 
 
 @pytest.mark.parametrize("params", [StageParams, RigStageParams])

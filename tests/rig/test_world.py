@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from msgs.actuator import RingTruth
-from msgs.experiment import Mount
 from msgs.stage import StagePose
 from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.palpation.world.model import LAB
 from palp_core.units import Float64Array
+from tests.support.rig_messages import mount
 
 PATH_M = np.linspace(-0.03, 0.05, 401)
 
@@ -25,7 +25,7 @@ def swept(
     bench: Bench[Phantom], code: str = "A", remount: int = 0, goal: int = 1, path_m: Float64Array = PATH_M
 ) -> Float64Array:
     """Return what a sweep feels, in two blocks of poses."""
-    bench.feed(Phantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+    bench.feed(Phantom.mount, mount(code, remount))
     bench.feed(Phantom.ring, RingTruth(stamp_ns=0, trial=0, iteration=1, ring_m=0.016))
     return felt(bench, goal, path_m)
 
@@ -80,7 +80,7 @@ def test_castings_of_a_depth_are_phantoms_of_their_own(tmp_path: Path) -> None:
     scene.write_text("phantom: {modulus_pa: 15000.0}\n", encoding="utf-8")
     bench = Bench(Phantom, {"world": "lab", "phantoms": "castings", "scene": str(scene)}, seed=4)
     for remount, code in enumerate(("A1", "A6", "C1")):
-        bench.feed(Phantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+        bench.feed(Phantom.mount, mount(code, remount))
     assert [truth.depth_m for truth in bench.sent(Phantom.truth)] == [0.002, 0.002, 0.008]
     assert len({told.modulus for told in bench.sent(Phantom.world_truth)}) == 3
     assert {phantom.modulus_pa for phantom in bench.node.rig.phantoms.values()} == {15000.0}
