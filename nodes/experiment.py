@@ -7,8 +7,10 @@ from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, PolicyChange, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
-from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import (
+    POLICY,
+    ExperimentParams,
+    ExperimentState,
     begin_trial_again,
     believed,
     design_of,
@@ -17,9 +19,7 @@ from nodes.experiment_plan import (
     note_judged,
     plan_of,
     progress_of,
-    result_of,
     take_up_marked,
-    trial_of,
 )
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
 from palp_core.palpation.session import plan
@@ -207,7 +207,18 @@ class Experiment(Node):
     def _announce_trial(self) -> None:
         state = self.state
         state.trial_announced = True
-        self.trial.publish(trial_of(state, self.now_ns()))
+        training = state.phase == "training"  # of a trial of estimation nobody is told the depth
+        self.trial.publish(
+            Trial(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                phase=state.phase,
+                number=state.number,
+                code=state.code if training else "",
+                label_known=training,
+                depth_m=state.label_m if training else 0.0,
+            )
+        )
         run = self.swaps.get(state.trials_done + 1, "") if state.phase == "estimation" else ""
         if run:  # the policy that is there begins the trial, the next one goes on with it
             state.next_policy = plan.policy_name(run)
@@ -325,7 +336,16 @@ class Experiment(Node):
             note_judged(state, right=right)
         for words in take_up_marked(state, self.design, self.record.folder):
             self.log.warning("%s", words)
-        self.result.publish(result_of(state, belief, self.now_ns()))
+        self.result.publish(
+            TrialResult(
+                stamp_ns=self.now_ns(),
+                trial=state.trial,
+                estimate_m=belief.estimate_m,
+                confidence=belief.confidence,
+                probe_count=belief.iteration,
+                verdict=belief.verdict,
+            )
+        )
 
     def _report(self, phase: str) -> None:
         self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns()))

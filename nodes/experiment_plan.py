@@ -1,27 +1,139 @@
-"""Which plan the experiment follows, from its parameters, and what it says of its trials and progress."""
+"""What the experiment is set to do and remembers, the plan that follows from it, and how far it has come."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 
-from msgs.estimation import Belief
-from msgs.experiment import Trial, TrialResult
-from nodes.experiment_params import ExperimentParams, ExperimentState
-from palp_core import Progress
+from msgs.estimation import Belief, Palpation
+from msgs.experiment import PolicyChange
+from palp_core import Params, Progress, ReadOnly, State
 from palp_core.errors import MethodError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.stopping import require_classes
+from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
-from palp_core.palpation.perception.strategy.trained_rings import rings_of
+from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.audit import note_redone, to_be_redone
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.session.orders import ordered
-from palp_core.palpation.session.plan import ExperimentDesign
+from palp_core.palpation.session.orders import GROUPED, ordered
+from palp_core.palpation.session.plan import ExperimentDesign, Specimens
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
 from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.units import Count, CountPositive, Metres, Seconds
+
+TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
+"""Of trials, or of palpations in training: what a rig can do in its lifetime."""
+
+
+POLICY = "policy"
+"""The node whose place others take."""
+
+
+def taking_over(swaps: str) -> list[str]:
+    """Return the classes of ``TRIAL=MODULE:CLASS,...`` by trial; another form is refused elsewhere."""
+    entries = [entry.partition("=") for entry in swaps.split(",") if "=" in entry]
+    entries.sort(key=lambda entry: int(entry[0]) if entry[0].strip().isdecimal() else 0)
+    return [run.strip() for *_, run in entries]
+
+
+SwappedIn = Annotated[str, msgspec.Meta(extra={"successors": (POLICY, taking_over)})]
+"""Policies that take over: the check of the launch file looks at their classes, too."""
+
+
+class ExperimentParams(Params):
+    """Set in the launch file.
+
+    ``training`` palpations per phantom and ring position of ``rings_mm``, ``trials`` of estimation per
+    phantom. Order, re-homing and remounting were not published: ``training_order`` mixes the ring positions
+    of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's
+    actuator is driven to its stop and back (never: only as a policy wants it). ``swaps`` names policies that
+    take over: ``30=nodes.policy_markov:Markov``. ``out``, the record's folder, must hold no session, unless
+    that is to be replaced (``overwrite``).
+    ``session`` names the session's sheet, which the report checks and copies.
+    ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
+    ``mounting``: which phantom when: ``grouped`` to limit remounts, ``each_trial``, ``block_randomised``, or
+    a CSV of trials. ``specimens``: whether trials are of the phantoms of training, or of others.
+    """
+
+    out: str = "results"
+    overwrite: bool = False
+    session: str = ""
+    plan: Literal["paper", "repeatability"] = "paper"
+    wait_s: Seconds = 3600.0
+    phantoms: str = ""
+    policy: str = ""
+    swaps: SwappedIn = ""
+    seed: Count = 0
+    trials: TrialCount = 100
+    training: TrialCount = 25
+    rings_mm: str = PUBLISHED
+    training_order: Literal["randomised", "blocked"] = "randomised"
+    rehome: Literal["palpation", "trial", "condition", "never"] = "trial"
+    training_mounts: CountPositive = 1
+    estimation_mounts: CountPositive = 1
+    depths: DepthCount = 0
+    stop: str = ""
+    from_m: Metres = -0.03
+    to_m: Metres = 0.05
+    scene: str = ""
+    mounting: ReadOnly[str] = GROUPED
+    specimens: ReadOnly[Specimens] = "same"
+
+
+class ExperimentState(State):
+    """What a replacement inherits: the plan's replies so far, and the facts of the present step."""
+
+    plan_seed: int = -1
+    replies: list[str] = []
+    phase: str = ""
+    code: str = ""
+    remount: int = -1
+    depth_m: float = 0.0
+    trial: int = 0
+    number: int = 0
+    trial_announced: bool = True
+    label_m: float = 0.0
+    iteration: int = 0
+    commanded: bool = False
+    swept: bool = False
+    decided: bool = False
+    enter_ns: int | None = None
+    leave_ns: int | None = None
+    goal_id: int = 0
+    stage_ready: bool = True
+    ring_trial: int = -1
+    ring_iteration: int = -1
+    ring_settled: bool = False
+    ring_landed: bool = False
+    last_ring_m: float = -1.0
+    rehomed: bool = False
+    waited: bool = False
+    true_ring_m: float | None = None
+    true_height_m: float | None = None
+    guards: list[str] = []
+    touch_changed: bool = False
+    palpation: list[Palpation] = []
+    belief: list[Belief] = []
+    row: int = 0
+    palpations_done: int = 0
+    right_count: int = 0
+    judged: dict[str, list[int]] = {}
+    trials_done: int = 0
+    dropped_count: int = 0
+    sweep_s: float = 0.0
+    finished: bool = False
+    again: list[tuple[int, str]] = []
+    not_again: list[tuple[str, int]] = []
+    mount_again: str = ""
+    home_again: bool = False
+    policy: str = ""
+    next_policy: str = ""
+    policy_changes: list[PolicyChange] = []
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
@@ -36,15 +148,15 @@ def believed(params: ExperimentParams) -> list[float]:
     return depths
 
 
-def is_right(design: plan.ExperimentDesign | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
+def is_right(design: ExperimentDesign | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
     """Tell whether the true depth is, of all phantoms' depths, the nearest to the estimate."""
     depths_m = (
-        (phantom.depth_m for phantom in design.phantoms) if isinstance(design, plan.ExperimentDesign) else ()
+        (phantom.depth_m for phantom in design.phantoms) if isinstance(design, ExperimentDesign) else ()
     )
     return abs(min(depths_m, key=lambda d: abs(d - estimate_m), default=estimate_m) - depth_m) < 1e-9
 
 
-def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
+def design_of(params: ExperimentParams) -> ExperimentDesign | RepeatDesign:
     """Return the numbers of the plan that the parameters name.
 
     Raises:
@@ -58,7 +170,7 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
         require_classes(params.stop, len(believed(params)))
     if params.trials and not params.training:
         raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")
-    design = plan.ExperimentDesign(
+    design = ExperimentDesign(
         phantoms=tuple(plan.PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
         specimens=params.specimens,
         rings_m=rings_of(params.rings_mm),
@@ -92,7 +204,7 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
     return found
 
 
-def plan_of(design: plan.ExperimentDesign | RepeatDesign, state: ExperimentState) -> plan.Plan:
+def plan_of(design: ExperimentDesign | RepeatDesign, state: ExperimentState) -> plan.Plan:
     """Return a fresh plan; the same seed gives the same one. At its end comes what is to be done again."""
     if isinstance(design, RepeatDesign):
         return repeatability(design)
@@ -100,7 +212,7 @@ def plan_of(design: plan.ExperimentDesign | RepeatDesign, state: ExperimentState
 
 
 def take_up_marked(
-    state: ExperimentState, design: plan.ExperimentDesign | RepeatDesign, folder: Path
+    state: ExperimentState, design: ExperimentDesign | RepeatDesign, folder: Path
 ) -> Iterator[str]:
     """See, as a trial is over, what is to be done again at the end of the plan; yield what is to be said.
 
@@ -126,7 +238,7 @@ def take_up_marked(
             yield f"{phase} trial {trial} is marked and not done again: only trials of estimation are"
 
 
-def _redone_by(state: ExperimentState, design: plan.ExperimentDesign | RepeatDesign) -> int | None:
+def _redone_by(state: ExperimentState, design: ExperimentDesign | RepeatDesign) -> int | None:
     """Return which trial the one under way does again; None if it is one of the plan."""
     if isinstance(design, RepeatDesign):
         return None
@@ -154,35 +266,9 @@ def begin_trial_again(state: ExperimentState, design: ExperimentDesign | RepeatD
     state.touch_changed = True
 
 
-# what it says of its trials and of its progress
+# how far it has come
 
 _DEPTHS_TOLD = 6
-
-
-def trial_of(state: ExperimentState, now_ns: int) -> Trial:
-    """Return the trial that begins; of a trial of estimation nobody is told the depth."""
-    training = state.phase == "training"
-    return Trial(
-        stamp_ns=now_ns,
-        trial=state.trial,
-        phase=state.phase,
-        number=state.number,
-        code=state.code if training else "",
-        label_known=training,
-        depth_m=state.label_m if training else 0.0,
-    )
-
-
-def result_of(state: ExperimentState, belief: Belief, now_ns: int) -> TrialResult:
-    """Return what a trial of estimation came to."""
-    return TrialResult(
-        stamp_ns=now_ns,
-        trial=state.trial,
-        estimate_m=belief.estimate_m,
-        confidence=belief.confidence,
-        probe_count=belief.iteration,
-        verdict=belief.verdict,
-    )
 
 
 def progress_of(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from nodes.estimator_params import EstimatorParams
+from nodes.estimator import EstimatorParams
 from nodes.policy_information import InformationParams
 from palp_core.graph.problems import GraphProblems
 from palp_core.methods import names, tasks

@@ -20,8 +20,8 @@ from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 WITNESS = '''
 from msgs.actuator import RingCommand
-from msgs.emg import EmgReport
-from msgs.safety import LoadReport, RingReport, SafetyBeat, StageReport
+from msgs.REPORT_FILE import REPORT
+from msgs.safety import SafetyBeat
 from msgs.stage import SweepGoal
 from palp_core import Message, Node, Params, Pub, State, Srv, Sub, every, on, serve
 from palp_core.units import Count
@@ -52,26 +52,28 @@ class Witness(Node):
 
     params: PermitParams
     state: Memory
+    report = Sub(REPORT)
     beat = Pub(SafetyBeat)
     ring = Pub(RingCommand)
     goal = Pub(SweepGoal)
     seen = Srv(Asked, Seen)
 
-    def note(self, condition):
-        self.state.tripped |= condition not in ("", "ok", "closed")
-        if [condition] != self.state.conditions[-1:]:
-            self.state.conditions.append(condition)
+    @on(report)
+    def note(self, report):
+        self.state.tripped |= report.condition not in ("", "ok", "closed")
+        if [report.condition] != self.state.conditions[-1:]:
+            self.state.conditions.append(report.condition)
 
     @every("beat_hz")
     def permit(self):
-        count = self.state.acknowledged_count
+        permits = not self.state.tripped
         self.beat.publish(
             SafetyBeat(
                 stamp_ns=self.now_ns(),
                 state="ready",
-                permits=not self.state.tripped,
-                permits_sweep=not self.state.tripped,
-                acknowledged_count=count,
+                permits=permits,
+                permits_sweep=permits,
+                acknowledged_count=self.state.acknowledged_count,
             )
         )
 
@@ -84,38 +86,6 @@ class Witness(Node):
             self.ring.publish(RingCommand(stamp_ns=now_ns, trial=0, iteration=0, ring_m=ring_m))
             self.goal.publish(SweepGoal(stamp_ns=now_ns, goal_id=asked.move, from_m=-0.01, to_m=0.01))
         return Seen(conditions=self.state.conditions, tripped=self.state.tripped)
-
-
-class OfLoad(Witness):
-    report = Sub(LoadReport)
-
-    @on(report)
-    def hear(self, report):
-        self.note(report.condition)
-
-
-class OfStage(Witness):
-    report = Sub(StageReport)
-
-    @on(report)
-    def hear(self, report):
-        self.note(report.condition)
-
-
-class OfRing(Witness):
-    report = Sub(RingReport)
-
-    @on(report)
-    def hear(self, report):
-        self.note(report.condition)
-
-
-class OfEmg(Witness):
-    report = Sub(EmgReport)
-
-    @on(report)
-    def hear(self, report):
-        self.note(report.condition)
 '''
 # Real drivers keep real deadlines, and a machine that is busy with something else may miss them.
 pytestmark = pytest.mark.slow
@@ -127,10 +97,10 @@ PATIENT: dict[str, dict[str, float]] = {
 }
 WHILE = 10
 NODES = {
-    "stage": ("nodes.rig_stage:RigStage", "OfStage", "report", f"lift_mm: 5.0, {LENIENT}"),
-    "ring": ("nodes.rig_actuator:RigActuator", "OfRing", "report", LENIENT),
-    "torque": ("nodes.rig_torque:RigTorque", "OfLoad", "load", "tare: never, load_hz: 200.0"),
-    "emg": ("nodes.emg:Emg", "OfEmg", "report", ""),
+    "stage": ("nodes.rig_stage:RigStage", "safety.StageReport", "report", f"lift_mm: 5.0, {LENIENT}"),
+    "ring": ("nodes.rig_actuator:RigActuator", "safety.RingReport", "report", LENIENT),
+    "torque": ("nodes.rig_torque:RigTorque", "safety.LoadReport", "load", "tare: never, load_hz: 200.0"),
+    "emg": ("nodes.emg:Emg", "emg.EmgReport", "report", ""),
 }
 INPUTS = {
     "stage": "inputs: {goal: witness/goal, safety: witness/beat}",
@@ -143,10 +113,12 @@ class Watched:
 
     def __init__(self, palp: Palp, rig: EmulatorProcess, device: str, folder: Path) -> None:
         self.rig, self.device, self.kind = rig, device, KINDS[device]
-        run, witness, port, params = NODES[self.kind]
+        run, report, port, params = NODES[self.kind]
+        file, _, message = report.partition(".")
         for name in ("nodes", "msgs"):
             (folder / name).symlink_to(ROOT / name)
-        (folder / "witness.py").write_text(WITNESS, encoding="utf-8")
+        witness = WITNESS.replace("REPORT_FILE", file).replace("REPORT", message)
+        (folder / "witness.py").write_text(witness, encoding="utf-8")
         options = {**rig.options[device], **PATIENT.get(device, {})}
         rate = f"rate_hz: {options.pop('rate_hz')}, " if "rate_hz" in options else ""
         text = f"""
@@ -158,13 +130,13 @@ nodes:
     params: {{device: {device}, {rate}options: {json.dumps(options)}, {params}}}
     {INPUTS.get(self.kind, "")}
   witness:
-    run: witness:{witness}
+    run: witness:Witness
     inputs: {{report: device/{port}}}
 """
         (folder / "launch").mkdir()
-        file = folder / "launch" / "watched.yaml"
-        file.write_text(text, encoding="utf-8")
-        self.process = palp.start("launch", file)
+        launch = folder / "launch" / "watched.yaml"
+        launch.write_text(text, encoding="utf-8")
+        self.process = palp.start("launch", launch)
         self.acknowledged_count = self.move_count = 0
         self.tripped = False
         self.graph: RunningGraph | None = None

@@ -12,9 +12,6 @@ from typing import Any
 
 import pytest
 
-from nodes.phantom import Phantom
-from palp_core import Bench
-from palp_core.errors import NodeError
 from palp_core.graph.launch.summary import summary_of
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import SIM
@@ -105,19 +102,6 @@ def test_a_session_leaves_a_whole_record_and_a_report(rig_session: RigSession) -
     page = (out / "report.html").read_text()
     assert "this session only" in page
     assert "accuracy" in charts_in(out / "report.html")
-
-
-def test_a_label_never_leaves_the_experiment_in_estimation(tmp_path: Path) -> None:
-    checked = check_here(SIM, [f"out:={tmp_path}"])
-    truths = {name: ends for name, ends in checked.edges.items() if name.endswith("/truth")}
-    readers = {node for ends in truths.values() for node, _ in ends}
-    assert readers == {"phantom", "experiment"}
-
-
-def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name() -> None:
-    said = "no contact method gives 'contrast' within 0.1%"
-    with pytest.raises(NodeError, match=f"on_configure failed: {said}"):
-        Bench(Phantom, {"feature": "contrast", "tolerance": 0.001})
 
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])

@@ -118,9 +118,3 @@ def test_a_swap_in_training_is_told_with_when_and_who_gave_way_is_not_said_to_ha
     assert "policy: fixed, from trial 2 on uniform, from trial 4 on markov</h1>" in page
     assert "The policy “fixed, from trial 2 on uniform, from trial 4 on markov” found" in page
     assert f"<td>{change['at_s']:,.1f} s</td><td>5, of training</td><td>/policy</td>" in page
-
-
-@pytest.mark.slow
-def test_between_processes_it_is_the_same(folder: Path, tmp_path: Path) -> None:
-    run(tmp_path, compose=False)
-    assert policies(tmp_path) == policies(folder / "out")

@@ -15,7 +15,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.limits import (
     CLEARANCE_M,
     DutyCycle,
-    Level,
     TravelLimits,
     WrenchLimits,
     check_lift,
@@ -23,7 +22,6 @@ from palp_core.palpation.devices.limits import (
 from palp_core.palpation.devices.registry import open_device
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
-from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 from palp_core.palpation.devices.unverified import UnverifiedWarning
 
 RNG = np.random.default_rng(0)
@@ -41,19 +39,6 @@ def test_no_move_that_is_let_through_leaves_the_window(from_m: float, to_m: floa
     assert -0.0301 < from_m < 0.0501
     assert -0.03 <= to_m <= 0.05
     assert 0.0 < speed <= 0.050
-
-
-@settings(deadline=None)
-@given(torque=st.lists(numbers, max_size=6), force=st.lists(numbers, max_size=6))
-def test_a_load_over_a_limit_or_no_number_stops(torque: list[float], force: list[float]) -> None:
-    level = WrenchLimits().level(np.array(torque), np.array(force))
-    worst = [abs(t) >= 0.100 or t != t for t in torque] + [abs(f) >= 10.0 or f != f for f in force]
-    assert (level is Level.STOP) == any(worst)
-
-
-def test_a_load_between_the_limits_warns() -> None:
-    assert WrenchLimits().level(np.array([0.09]), np.zeros(0)) is Level.WARN
-    assert WrenchLimits().level(np.array([-0.02]), np.array([1.0])) is Level.FINE
 
 
 @pytest.mark.parametrize(
@@ -153,32 +138,3 @@ def test_what_nobody_verified_is_said_aloud_once_each() -> None:
         stage.open(0, AerotechState(), RNG)
     with pytest.raises(DeviceError, match="what can be verified: axes, baud"):
         AerotechStage("socket://127.0.0.1:1", verified=("bauds",)).open(0, AerotechState(), RNG)
-
-
-def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(
-    quick_rig: Any, wait: Any, patient: dict[str, Any]
-) -> None:
-    rig = quick_rig("aerotech")
-    options = rig.options["aerotech"] | patient["aerotech"]
-    # ten seconds on the way, so that the stop finds the leg under way on a busy machine too
-    stage, state = AerotechStage(**options, lift_m=0.002, return_speed_m_per_s=0.005), AerotechState()
-    stage.open(time.monotonic_ns(), state, RNG)
-    stop = AerotechStop(rig.addresses["aerotech"], timeout_s=30.0, rest_s=30.0)
-    stage.return_to(-0.05, time.monotonic_ns(), state)
-    wait.until(lambda: rig.call(rig.truth)["y_m"] < -0.002)
-    times = stop.trip()
-    assert times.written_ns <= times.resting_ns <= times.disabled_ns
-    wait.until(lambda: not any(report.moving for report in stop.poll()))
-    assert not any(report.enabled for report in stop.poll())
-    at_m = rig.call(rig.truth)["y_m"]
-    wait.until(lambda: not stage.health(time.monotonic_ns()).ok)
-    with pytest.raises(DeviceError, match=r"disabled|could not be executed"):  # whichever it sees first
-        stage.return_to(0.0, time.monotonic_ns(), state)
-    assert rig.call(rig.truth)["y_m"] == at_m
-    stage.acknowledge(time.monotonic_ns(), state)
-    wait.until(
-        lambda: stage.health(time.monotonic_ns()).ok and not stage.feedback(time.monotonic_ns(), state).moving
-    )
-    stage.return_to(0.0, time.monotonic_ns(), state)
-    stop.close()
-    stage.close()

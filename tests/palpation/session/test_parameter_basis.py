@@ -22,7 +22,7 @@ PARAMS = {
     "stage": ("nodes.stage:StageParams",),
     "phantom": ("nodes.phantom:PhantomParams",),
     "torque": ("nodes.torque:TorqueParams",),
-    "estimator": ("nodes.estimator_params:EstimatorParams",),
+    "estimator": ("nodes.estimator:EstimatorParams",),
     "emg": ("nodes.emg:EmgParams",),
     "cocontraction": ("nodes.cocontraction:CoContractionParams",),
 }

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from nodes.actuator import Actuator
-from nodes.experiment_params import ExperimentParams
-from nodes.experiment_plan import design_of
+from nodes.experiment_plan import ExperimentParams, design_of
 from nodes.phantom import Phantom
 from nodes.torque import Torque
 from palp_core import Bench

@@ -39,7 +39,7 @@ TRACE_TASKS = ("denoise", "feature", "trace_filter", "stop")
 
 
 class ReadingParams(TraceSettings):
-    """What the estimator reads sweeps by; see :class:`nodes.estimator_params.EstimatorParams`."""
+    """What the estimator reads sweeps by; see :class:`nodes.estimator.EstimatorParams`."""
 
     reading: ReadOnly[Reading] = "feature"
     wavelet: str = "db10"

@@ -18,7 +18,6 @@ from palp_core.palpation.devices import open_device
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.commands import serve
 from palp_core.palpation.devices.emulator.contact import ContactSettings
-from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.torque import SimTorque
@@ -133,18 +132,6 @@ def test_what_the_sensors_driver_reads_follows_the_stages_and_the_rings_drivers(
     assert seen[1] > 1.5 * seen[0] > 0.0
     for device in (stage, ring, sensor):
         device.close()
-
-
-def test_a_terminal_takes_its_time_for_every_byte(quick_rig: Callable[..., EmulatedRig]) -> None:
-    rig = quick_rig("aerotech", settings=RigSettings(stage_serial=True, stage_baud=9600))
-    link = SerialLink("aerotech", rig.addresses["aerotech"], 9600)
-    link.write(b"NONE\n")
-    assert link.read_exactly(2, 60.0) == b"!\n"
-    begin_ns = now()
-    link.write(b"PFBKPROG(X)\n")
-    assert link.read_exactly(7, 60.0) == b"%0.000\n"
-    assert now() - begin_ns >= (12 + 7) * 10 * S // 9600
-    link.close()
 
 
 def test_the_rigs_process_obeys_and_answers_every_line(quick_rig: Callable[..., EmulatedRig]) -> None:

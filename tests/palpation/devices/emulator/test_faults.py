@@ -180,7 +180,7 @@ def test_a_sensors_fault_has_a_name_loses_nothing_received_and_passes(
     assert np.all(gap[1:][np.diff(index) > 1])
 
 
-@pytest.mark.parametrize("fault", [row for row in rows("stage") if row.values[0].name != "stuck"])
+@pytest.mark.parametrize("fault", rows("stage"))
 def test_a_stages_fault_has_a_name_stops_it_and_ends_by_the_documented_step(
     quick_rig: Start, wait: Any, fault: Fault
 ) -> None:
@@ -209,23 +209,6 @@ def test_a_stages_fault_has_a_name_stops_it_and_ends_by_the_documented_step(
         assert rig.call(rig.truth)["y_m"] == pytest.approx(-0.01, abs=1e-5)
     finally:
         stage.close()
-
-
-def test_a_stuck_axis_is_a_device_fault(quick_rig: Start, wait: Any) -> None:
-    rig = quick_rig("aerotech")
-    stage = open_stage(rig)
-    state = AerotechState()
-    stage.open(now(), state, RNG)
-    rig.fault("aerotech", "stuck")
-    stage.return_to(-0.01, now(), state)
-    wait.until(lambda: stage.health(now()).condition is Condition.DEVICE_FAULT)
-    assert "position error" in stage.health(now()).cause
-    rig.clear("aerotech")
-    stage.acknowledge(now(), state)
-    wait.until(lambda: stage.health(now()).ok and not stage.feedback(now(), state).moving)
-    stage.return_to(-0.01, now(), state)
-    wait.until(lambda: not stage.feedback(now(), state).moving)
-    stage.close()
 
 
 def test_a_stage_with_a_latched_fault_does_not_open(quick_rig: Start) -> None:

@@ -24,26 +24,6 @@ def test_the_table_answers_every_event_in_every_state() -> None:
     assert all(set(row) == set(Event) for row in TABLE.values())
 
 
-def test_only_an_acknowledgement_of_a_finished_stop_leads_out_of_a_trip() -> None:
-    ways_out = {
-        (state, event)
-        for state in TRIPPED
-        for event, (following, _) in TABLE[state].items()
-        if following not in TRIPPED
-    }
-    assert ways_out == {(SafetyState.LATCHED, Event.ACKNOWLEDGE)}
-
-
-def test_no_step_leads_from_a_trip_to_permitted_motion() -> None:
-    for state in TRIPPED:
-        assert not {following for following, _ in TABLE[state].values()} & PERMITTED
-
-
-def test_a_trip_stops_and_records_from_every_state_that_is_not_tripped() -> None:
-    for state in set(SafetyState) - TRIPPED:
-        assert TABLE[state][Event.TRIP] == (SafetyState.STOPPING, (Action.STOP, Action.RECORD))
-
-
 def ruled(state: SafetyState, event: Event) -> tuple[SafetyState, tuple[Action, ...]]:
     """Return what six rules say; what none of them names changes nothing and asks for nothing."""
     steps = {

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import correlation
 
-from nodes.estimator_params import EstimatorParams
+from nodes.estimator import EstimatorParams
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.node.params import describe_params
 from palp_core.methods import methods

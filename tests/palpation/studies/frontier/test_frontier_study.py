@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from nodes.experiment_params import ExperimentParams
+from nodes.experiment_plan import ExperimentParams
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.catalogue import OPTIONS, study
 from palp_core.palpation.studies.frontier import depth_error, tables

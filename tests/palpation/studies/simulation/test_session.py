@@ -7,8 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from nodes.experiment_params import ExperimentParams
-from nodes.experiment_plan import design_of
+from nodes.experiment_plan import ExperimentParams, design_of
 from palp_core.errors import PalpError
 from palp_core.methods import find
 from palp_core.palpation.nano17 import RESOLUTION_N_M

@@ -15,28 +15,24 @@ _EVERY_LEVEL_ALIKE = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
 
 
 class Muscles:
-    """The simulated subject, sampled by a clock of the device's own."""
+    """The simulated subject."""
 
-    def __init__(self, clock_ppm: float = 0.0, seed: int = 1) -> None:
-        self._speed = 1.0 + clock_ppm * 1e-6
-        self._begin_ns: int | None = None
+    def __init__(self, seed: int = 1) -> None:
         self.source = SimEmg(matrix=_EVERY_LEVEL_ALIKE, rate_hz=EMG_HZ)
         self._state = SimEmgState()
         self._rng = np.random.default_rng((seed, 2))
 
     def since(self, now_ns: int) -> EmgSamples:
-        """Return the samples since the last call, at times of the device's clock."""
-        begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
-        device_ns = begin_ns + round((now_ns - begin_ns) * self._speed)
-        self.source.open(device_ns, self._state, self._rng)
-        return self.source.drain(device_ns, self._state, self._rng)
+        """Return the samples since the last call."""
+        self.source.open(now_ns, self._state, self._rng)
+        return self.source.drain(now_ns, self._state, self._rng)
 
 
 class Noraxon:
     """MR3's HTTP streaming: what was measured since the last poll, in microvolts."""
 
-    def __init__(self, clock_ppm: float = 0.0, seed: int = 1) -> None:
-        self._muscles = Muscles(clock_ppm, seed)
+    def __init__(self, seed: int = 1) -> None:
+        self._muscles = Muscles(seed)
         self._enabled = [True, True]
 
     def page(self, path: str, now_ns: int) -> bytes | None:
