@@ -7,7 +7,7 @@ import msgspec
 
 from msgs.experiment import Mount
 from nodes.phantom import SimulatedPhantom
-from palp_core import Params, ReadOnly, every, on
+from palp_core import Params, ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
@@ -82,6 +82,7 @@ class EmulatedPhantom(SimulatedPhantom):
     examine = staticmethod(file_mistakes)
     params: EmulatedPhantomParams
     state: EmulatedPhantomState
+    mount = Sub(Mount)
 
     def on_configure(self) -> None:
         p = self.params
@@ -129,7 +130,7 @@ class EmulatedPhantom(SimulatedPhantom):
     def on_shutdown(self) -> None:
         self.rig.stop()
 
-    @on(SimulatedPhantom.mount)
+    @on(mount)
     def put_on(self, mount: Mount) -> None:
         self.tell_guards()  # they are of the phantom that is taken off
         height_m = self.draw_height_m(self.height_sd_m)

@@ -40,7 +40,6 @@ class SimulatedPhantom(MethodReporter):
     """What a simulated phantom says of itself, in whatever rig it is put on."""
 
     simulates = True
-    mount = Sub(Mount)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
     world_truth = Pub(WorldTruth)
@@ -133,6 +132,7 @@ class Phantom(SimulatedPhantom):
     examine = staticmethod(file_mistakes)
     params: PhantomParams
     state: PhantomState
+    mount = Sub(Mount)
     ring = Sub(RingTruth)
     pose = Sub(StagePose)
     contact = Pub(Contact)
@@ -161,7 +161,7 @@ class Phantom(SimulatedPhantom):
     def uses(self) -> list[MethodUse]:
         return rig_uses(self.rig, self.state.speed_m_s or None, self.world)
 
-    @on(SimulatedPhantom.mount)
+    @on(mount)
     def put_on(self, mount: Mount) -> None:
         phantoms = self.rig.phantoms
         if mount.code not in phantoms:

@@ -101,9 +101,14 @@ class ScriptedSource:
         return Samples(np.array([now_ns, now_ns + 1]), np.zeros(2), np.zeros(2), np.arange(2), gap)
 
 
-def test_a_real_source_has_a_report_of_its_state_and_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    source = ScriptedSource()
-    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+@pytest.fixture
+def source(monkeypatch: pytest.MonkeyPatch) -> ScriptedSource:
+    scripted = ScriptedSource()
+    monkeypatch.setattr(emg, "open_device", lambda *_, **__: scripted)
+    return scripted
+
+
+def test_a_real_source_has_a_report_of_its_state_and_its_gaps(source: ScriptedSource) -> None:
     bench = Bench(Emg, {"device": "noraxon"})
     bench.advance(0.16)
     source.condition = Condition.LINK_LOST
@@ -116,15 +121,13 @@ def test_a_real_source_has_a_report_of_its_state_and_its_gaps(monkeypatch: pytes
 
 
 def test_a_source_that_cannot_be_opened_is_not_drained(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    source: ScriptedSource, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    source = ScriptedSource()
 
     def refuse(*_: object) -> None:
         raise DeviceError("no such stream")
 
     monkeypatch.setattr(source, "open", refuse)
-    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
     with pytest.raises(NodeError, match="no such stream"):
         Bench(Emg, {"device": "noraxon"})
     assert source.drained == 0
@@ -137,9 +140,7 @@ def test_a_simulated_source_has_no_report() -> None:
     assert bench.sent(Emg.report) == []
 
 
-def test_every_sample_across_a_fault_is_passed_on_at_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    source = ScriptedSource()
-    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+def test_every_sample_across_a_fault_is_passed_on_at_its_time(source: ScriptedSource) -> None:
     bench = Bench(Emg, {"device": "noraxon", "rate_hz": 1000.0, "block_samples": 50})
     times_ns = np.array([10, 11, 12, 40, 41]) * 1_000_000  # what was lost between 12 and 40 is flagged
     gap = np.array([False, False, False, True, False])
@@ -152,9 +153,7 @@ def test_every_sample_across_a_fault_is_passed_on_at_its_time(monkeypatch: pytes
     assert [block.edc_v.tolist() for block in blocks] == [[0.0, -1.0, -2.0], [-3.0, -4.0]]
 
 
-def test_what_has_come_since_the_last_tick_is_passed_on_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    source = ScriptedSource()
-    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+def test_what_has_come_since_the_last_tick_is_passed_on_at_the_end(source: ScriptedSource) -> None:
     bench = Bench(Emg, {"device": "noraxon"})
     bench.advance(0.06)
     before = len(bench.sent(Emg.block))
@@ -186,10 +185,8 @@ def test_what_is_cued_is_done_and_every_sample_has_the_phase_of_its_time() -> No
 
 
 def test_an_amplifier_whose_samples_come_late_has_them_in_the_phase_of_their_time(
-    monkeypatch: pytest.MonkeyPatch,
+    source: ScriptedSource,
 ) -> None:
-    source = ScriptedSource()
-    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
     bench = Bench(Emg, {"device": "noraxon", "rate_hz": 1000.0, "block_samples": 50, "cued": True})
     bench.feed(Emg.cue, MuscleCue(stamp_ns=20_000_000, phase="mvc"))
     times_ns = np.arange(1, 41) * 1_000_000  # half of them from before the cue

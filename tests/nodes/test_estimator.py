@@ -18,7 +18,6 @@ from nodes.estimator import Estimator
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
 from palp_core.methods import register
-from palp_core.palpation.perception.belief.primitives import fit, quantisation_sd
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 from tests.support.rig_messages import ring_state, trial
@@ -141,26 +140,6 @@ def test_a_sweep_too_short_for_the_wavelet_is_an_error_that_says_so(count: int) 
     bench.feed(Estimator.trial, trial(0, "training", 0.002))
     with pytest.raises(NodeError, match=rf"signal has {count} samples; db10 at level 5 needs at least 608"):
         palpate(bench, sweep(0.01, count=count))
-
-
-def test_the_primitives_equal_the_offline_fit() -> None:
-    bench = trained()
-    (learnt,) = bench.sent(Estimator.primitives)
-    readings = [palpation.peak_n_m for palpation in bench.sent(Estimator.palpation)]
-    cells = [(d, r) for d in range(3) for r in range(2) for _ in range(6)]
-    offline = fit(
-        np.array(readings),
-        [d for d, _ in cells],
-        [r for _, r in cells],
-        depths_m=DEPTHS_M,
-        rings_m=RINGS_M,
-        floor=quantisation_sd(1e-3 / 64),
-    )
-    for name, value in (("mean_n_m", offline.mean), ("sd_n_m", offline.sd), ("count", offline.count)):
-        np.testing.assert_array_equal(getattr(learnt, name), value.ravel())
-    np.testing.assert_array_equal(learnt.depths_m, DEPTHS_M)
-    np.testing.assert_array_equal(learnt.rings_m, RINGS_M)
-    assert learnt.floor_n_m == offline.floor
 
 
 def test_it_learns_from_labelled_training_and_from_nothing_else() -> None:

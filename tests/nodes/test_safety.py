@@ -139,6 +139,9 @@ class Watched:
         return [trip.cause for trip in self.bench.sent(Safety.trip)]
 
 
+Deed = Callable[[Watched], object]
+
+
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
     return Watched(monkeypatch)
@@ -244,25 +247,63 @@ def test_what_an_axis_said_before_the_stop_is_no_new_motion(watched: Watched) ->
     assert watched.link.calls == ["abort", "disable"]
 
 
-def test_a_stage_out_of_its_window_trips(watched: Watched) -> None:
-    sweeping(watched)
-    watched.y_m = 0.056
-    watched.run(0.01)
-    assert watched.trips() == ["travel"]
+def link_says(**report: Any) -> Deed:
+    return lambda watched: setattr(watched.link, "report", replace(AT_REST, **report))
 
 
-def test_an_axis_fault_on_the_own_link_trips(watched: Watched) -> None:
+@pytest.mark.parametrize(
+    ("cause", "deed"),
+    [
+        ("travel", lambda watched: setattr(watched, "y_m", 0.056)),
+        ("axis fault", link_says(fault=Fault.E_STOP.words, enabled=False)),
+        ("following error", link_says(moving=True, following_m=0.6e-3)),
+        ("stale", lambda watched: watched.load(sample_ns=watched.now_ns + 10_000_000_000)),  # from the future
+        ("operator", lambda watched: watched.bench.call(Safety.stop, StopRequest())),
+    ],
+)
+def test_each_cause_trips_by_its_name(watched: Watched, cause: str, deed: Deed) -> None:
     sweeping(watched)
-    watched.link.report = replace(AT_REST, fault=Fault.E_STOP.words, enabled=False)
+    deed(watched)
     watched.run(0.1)
-    assert watched.trips() == ["axis fault"]
+    assert watched.trips() == [cause]
+    assert watched.link.calls[:2] == ["abort", "disable"]
 
 
-def test_an_axis_that_does_not_follow_trips(watched: Watched) -> None:
+def with_processes(monkeypatch: pytest.MonkeyPatch, stopped: list[int], ended: list[int]) -> Watched:
+    """Return a bench on which the other processes of the graph are as the lists say."""
+    watched = Watched(monkeypatch, watch_processes=True)
+    for name, found in (("refresh", 1), ("stopped", stopped), ("ended", ended)):
+        monkeypatch.setattr(watched.bench.node.processes, name, lambda found=found: found)
+    return watched
+
+
+def test_a_stopped_process_of_the_graph_trips_and_the_trip_is_not_left_before_it_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stopped: list[int] = []
+    watched = with_processes(monkeypatch, stopped, [])
     sweeping(watched)
-    watched.link.report = replace(AT_REST, moving=True, following_m=0.6e-3)
+    stopped.append(4713)
+    watched.run(0.02)
+    assert watched.trips() == ["lost heartbeat"]
+    assert "4713" in watched.status.text
+    watched.moving = False
     watched.run(0.1)
-    assert watched.trips() == ["following error"]
+    reply = watched.acknowledge()
+    assert not reply.done
+    assert "4713" in reply.text
+    stopped.clear()
+    assert watched.acknowledge().done
+
+
+def test_a_process_of_the_graph_that_ends_in_a_sweep_trips(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = with_processes(monkeypatch, [], [4712])
+    watched.run(0.1)
+    assert watched.trips() == []  # at rest it is the launcher's business
+    watched.moving = True
+    watched.run(0.05)
+    assert watched.trips() == ["lost heartbeat"]
+    assert "4712 of this graph has ended" in watched.status.text
 
 
 def test_a_lost_link_of_its_own_trips_and_is_tried_again_until_it_can_stop(watched: Watched) -> None:
@@ -276,12 +317,6 @@ def test_a_lost_link_of_its_own_trips_and_is_tried_again_until_it_can_stop(watch
     watched.run(0.05)
     assert watched.status.state == "latched"
     assert watched.link.calls[-2:] == ["abort", "disable"]
-
-
-def test_the_operator_stops_it(watched: Watched) -> None:
-    sweeping(watched)
-    reply = watched.bench.call(Safety.stop, StopRequest(reason="palp stop"))
-    assert (reply.state, reply.cause) == ("latched", "operator")
 
 
 def test_motion_before_permission_is_stopped(watched: Watched) -> None:
@@ -384,13 +419,6 @@ def test_a_trip_is_remembered_though_it_could_not_be_told(
     assert (kept.standing, kept.cause) == ("stopping", "torque")
 
 
-def test_a_sample_from_the_future_is_no_fresh_one(watched: Watched) -> None:
-    sweeping(watched)
-    watched.load(sample_ns=watched.now_ns + 10_000_000_000)
-    watched.run(0.05)
-    assert watched.trips() == ["stale"]
-
-
 def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watched) -> None:
     sweeping(watched)
     watched.link.report = replace(AT_REST, enabled=False)
@@ -401,23 +429,6 @@ def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watche
     watched.link.report = AT_REST
     watched.run(0.01)
     assert watched.link.calls[2:4] == ["abort", "disable"]
-
-
-def test_a_trip_is_not_left_while_a_process_of_the_graph_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    watched = Watched(monkeypatch, watch_processes=True)
-    stopped: list[int] = []
-    for name, found in (("refresh", 1), ("stopped", stopped), ("ended", [])):
-        monkeypatch.setattr(watched.bench.node.processes, name, lambda found=found: found)
-    sweeping(watched)
-    stopped.append(4713)
-    watched.run(0.02)
-    watched.moving = False
-    watched.run(0.1)
-    reply = watched.acknowledge()
-    assert not reply.done
-    assert "4713" in reply.text
-    stopped.clear()
-    assert watched.acknowledge().done
 
 
 def test_a_limit_cannot_be_changed_without_effect() -> None:
@@ -471,31 +482,6 @@ def test_a_limit_that_never_trips_or_warns_is_refused_before_the_start_and_at_it
     with pytest.raises(NodeError, match=r"can never trip|must lie in"):
         Bench(Safety, {**GIVEN, **limits})
     assert Safety.examine(SafetyParams(**GIVEN)) == {}
-
-
-def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -> None:
-    watched = Watched(monkeypatch, watch_processes=True)
-    monkeypatch.setattr(watched.bench.node.processes, "refresh", lambda: 1)
-    found: list[int] = []
-    monkeypatch.setattr(watched.bench.node.processes, "stopped", lambda: found)
-    sweeping(watched)
-    found.append(4711)
-    watched.run(0.02)
-    assert watched.trips() == ["lost heartbeat"]
-    assert "4711" in watched.status.text
-
-
-def test_a_process_of_the_graph_that_ends_in_a_sweep_trips(monkeypatch: pytest.MonkeyPatch) -> None:
-    watched = Watched(monkeypatch, watch_processes=True)
-    gone: list[int] = [4712]
-    for name, found in (("refresh", 1), ("stopped", []), ("ended", gone)):
-        monkeypatch.setattr(watched.bench.node.processes, name, lambda found=found: found)
-    watched.run(0.1)
-    assert watched.trips() == []  # at rest it is the launcher's business
-    watched.moving = True
-    watched.run(0.05)
-    assert watched.trips() == ["lost heartbeat"]
-    assert "4712 of this graph has ended" in watched.status.text
 
 
 def test_it_stops_what_moves_when_it_ends(watched: Watched) -> None:

@@ -63,13 +63,6 @@ def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path)
     assert contents(occupied) == before
 
 
-def test_a_session_that_is_to_be_replaced_is(occupied: Path) -> None:
-    with ComposedGraph(SIM, out=occupied, overwrite=True, trials=0, training=1) as graph:
-        graph.run()
-    assert len(read_rows(occupied)) == 15
-    assert json.loads((occupied / "result.json").read_text())["unfinished"] is None
-
-
 @pytest.mark.parametrize("name", LAUNCHES)
 def test_by_default_a_session_has_a_folder_named_by_its_time(name: str) -> None:
     checked = check_here(SIM.with_name(f"{name}.yaml"))

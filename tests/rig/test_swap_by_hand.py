@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.report import write
 from tests.support.palp import SIM
-from tests.support.rig_session import BriefGraph, ComposedGraph
+from tests.support.rig_session import ComposedGraph
 from tests.support.sessions import no_charts
 
 SMALL = (
@@ -29,7 +28,7 @@ SMALL = (
 )
 
 
-def run(out: Path, *, bag: Path | None = None, compose: bool = True) -> None:
+def run(out: Path, *, bag: Path | None = None) -> None:
     """Run a session into which a policy comes in training, and another after two palpations of trial 2."""
     from msgs.estimation import Belief
 
@@ -48,11 +47,9 @@ def run(out: Path, *, bag: Path | None = None, compose: bool = True) -> None:
             if belief.iteration == 2 and len({trial for trial, _ in told}) == 2:
                 graph.swaps.plan(now_ns + 1, SwapRequest(node="policy", run="nodes.policy_uniform:Uniform"))
 
-    path, kind = list(sys.path), ComposedGraph if compose else BriefGraph
     swaps = "swaps:=4=nodes.policy_markov:Markov"
-    with kind(SIM, overrides=[*SMALL, swaps, f"out:={out}"], record=bag, observe=take) as graph:
+    with ComposedGraph(SIM, overrides=[*SMALL, swaps, f"out:={out}"], record=bag, observe=take) as graph:
         assert graph.run().exit_code == 0
-    sys.path[:] = path
 
 
 def policies(out: Path) -> list[tuple[int, str, str]]:

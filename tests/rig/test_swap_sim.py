@@ -5,8 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +31,8 @@ HOW = pytest.mark.parametrize("compose", [True, pytest.param(False, marks=pytest
 
 
 @pytest.fixture(scope="module")
-def launch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    path = list(sys.path)
-    yield workspace(tmp_path_factory.mktemp("swap")) / "sim.yaml"
-    sys.path[:] = path  # a composed graph puts its workspace first
+def launch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return workspace(tmp_path_factory.mktemp("swap")) / "sim.yaml"
 
 
 def graph_of(path: Path, *, compose: bool, **given: Any) -> Graph:
@@ -254,10 +251,8 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
         "shared.stop:=fixed_number",
         f"out:={out}",
     )
-    path = list(sys.path)
     with ComposedGraph(SIM, overrides=[*small, f"swaps:=1={odd}:Odd,3=nodes.policy_fixed:Fixed"]) as graph:
         assert graph.run().exit_code == 0
-    sys.path[:] = path
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     reason = "ring position 49 mm was not trained"
     assert [one["reason"] for one in result["trials_dropped"]] == [reason, reason]
@@ -340,14 +335,10 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
                 request = SwapRequest(node="policy", run=f"{bad}:{name}", probation=wanted)
                 graph.swaps.plan(now_ns, request)
 
-    path, small = (
-        list(sys.path),
-        ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "shared.stop:=fixed_number"),
-    )
+    small = ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "shared.stop:=fixed_number")
     with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
         failures = _forgiving(graph)
         assert graph.run().exit_code == 0
-    sys.path[:] = path
     assert [(failure.step, failure.text.split(":")[-1]) for failure in failures[:3]] == [
         ("state", " 'NoneType' object has no attribute 'start'"),
         ("probation", " tired"),
@@ -377,11 +368,10 @@ def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen
                 )
                 graph.swaps.plan(now_ns, request)
 
-    path, small = list(sys.path), ("trials:=1", "training:=2", "seed:=4", "policy:=fixed")
+    small = ("trials:=1", "training:=2", "seed:=4", "policy:=fixed")
     with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
         failures, reports = _forgiving(graph), _reported(graph)
         assert graph.run().exit_code == 0
-    sys.path[:] = path
     assert len(felt) > 30  # training, and then the trials of the old one
     if name == "Astray":
         (failure,) = failures

@@ -13,7 +13,6 @@ from msgs.actuator import RingTruth
 from msgs.stage import StagePose
 from nodes.phantom import Phantom
 from palp_core import Bench
-from palp_core.errors import NodeError
 from palp_core.palpation.world.model import LAB
 from palp_core.units import Float64Array
 from tests.support.rig_messages import mount
@@ -94,29 +93,8 @@ def test_a_mounting_keeps_its_surface_and_a_remount_has_another(lab: Bench[Phant
     np.testing.assert_array_equal(one, swept(smooth))  # and a run is repeatable
 
 
-def test_a_sweep_back_is_lowered_at_its_own_start(lab: Bench[Phantom]) -> None:
-    there = swept(lab)
-    back = felt(lab, 2, PATH_M[::-1])
-    assert abs(back[0]) < 0.2 * abs(back[200])
-    assert back[200] < 0.0 < there[200]
-
-
 def test_a_replacement_feels_what_it_would_have_felt(lab: Bench[Phantom]) -> None:
     swept(lab)
     heir = Bench(Phantom, {"world": "lab"}, seed=99)
     heir.node.state = copy.deepcopy(lab.node.state)
     np.testing.assert_array_equal(felt(heir, 5), felt(lab, 5))
-
-
-def test_a_swing_that_swamps_the_nodule_is_a_guard(tmp_path: Path) -> None:
-    sticky = tmp_path / "sticky.yaml"
-    sticky.write_text("base: lab\nstatic_friction_excess: 0.3\n", encoding="utf-8")
-    bench = Bench(Phantom, {"world": str(sticky)}, seed=4)
-    swept(bench, "C")
-    (guard,) = bench.sent(Phantom.guard)
-    assert any(words.startswith("stick-slip: a swing of ") for words in guard.words)
-
-
-def test_a_world_that_is_none_is_refused_by_name() -> None:
-    with pytest.raises(NodeError, match="no world 'labs'; use paper or lab"):
-        Bench(Phantom, {"world": "labs"})

@@ -6,6 +6,7 @@ import dataclasses
 import fcntl
 import json
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -119,15 +120,23 @@ class BriefGraph(Graph):
 
 
 class ComposedGraph(BriefGraph):
-    """A brief graph whose nodes are all in this process, where their classes are looked at, too."""
+    """A brief graph whose nodes are all in this process, where their classes are looked at, too.
+
+    Its workspace is on the path of this process until its end.
+    """
 
     def __init__(self, path: str | Path, **given: Any) -> None:
         super().__init__(path, compose=True, **given)
+        self._path = list(sys.path)
 
     def __enter__(self) -> Self:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(graph, "ForkServer", _NoServer)
             return super().__enter__()
+
+    def __exit__(self, *error: Any) -> None:
+        super().__exit__(*error)
+        sys.path[:] = self._path
 
 
 def _checked_briefly(*given: Any, **more: Any) -> CheckedGraph:
