@@ -59,31 +59,34 @@ def test_the_contract_holds_for_the_devices_of_a_file(
     assert all(-25.0 <= float(line.split()[2]) <= 25.0 for line in y_m)
 
 
+STAGE = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}}
+RING = {"device": "maestro", "options": {"url": "/dev/null"}}
+
+
 @pytest.mark.parametrize(
-    ("travel", "said"),
+    ("kind", "entry", "said"),
     [
-        ({}, "'travel' does not say how far"),
-        ({"y_m": [-0.025, 0.025]}, "'travel' does not give z_m"),
-        ({**TRAVEL["stage"], "y_m": [-0.001, 0.001]}, "so nothing is moved"),
-        ({**TRAVEL["stage"], "y_m": [0.02, -0.02]}, "must lie in"),
-        ({**TRAVEL["stage"], "y_m": "far"}, "travel"),
+        ("stage", STAGE, "'travel' does not say how far"),
+        ("stage", {**STAGE, "travel": {"y_m": [-0.025, 0.025]}}, "'travel' does not give z_m"),
+        ("stage", {**STAGE, "travel": {**TRAVEL["stage"], "y_m": [-0.001, 0.001]}}, "so nothing is moved"),
+        ("stage", {**STAGE, "travel": {**TRAVEL["stage"], "y_m": [0.02, -0.02]}}, "must lie in"),
+        ("stage", {**STAGE, "travel": {**TRAVEL["stage"], "y_m": "far"}}, "travel"),
+        ("ring", RING, "'travel' does not say how far"),
+        ("ring", {**RING, "travel": {"ring_m": [0.0, 0.005]}}, "so nothing is moved"),
+        ("ring", {**RING, "travel": {"ring_m": 3}}, "travel"),
+        ("ring", {**RING, "travel": {"rings_m": [0.0, 0.02]}}, "travel"),
+        ("stage", "[", "no list of devices"),
+        ("gripper", {"device": "hand"}, "no kind of device 'gripper'"),
+        ("torque", {"device": "nano"}, "no device 'nano'; known: ati"),
+        ("torque", {"device": "sim"}, "no device 'sim'"),
+        ("torque", {"device": "ati", "option": {}}, "unknown field"),
     ],
 )
-def test_a_stage_that_was_not_given_its_travel_is_not_even_opened(
-    tmp_path: Path, travel: dict[str, Any], said: str
+def test_what_makes_no_sense_or_may_not_move_as_far_as_the_contract_does_is_not_even_opened(
+    tmp_path: Path, kind: str, entry: Any, said: str
 ) -> None:
-    entry = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}, "travel": travel}
     with pytest.raises(DeviceError, match=said):
-        read_hardware(write(tmp_path / "h.yaml", {"stage": entry}))
-
-
-@pytest.mark.parametrize("travel", [{}, {"ring_m": [0.0, 0.005]}, {"ring_m": 3}, {"rings_m": [0.0, 0.02]}])
-def test_a_ring_that_was_not_given_its_travel_is_not_even_opened(
-    tmp_path: Path, travel: dict[str, Any]
-) -> None:
-    entry = {"device": "maestro", "options": {"url": "/dev/null"}, "travel": travel}
-    with pytest.raises(DeviceError, match="travel"):
-        read_hardware(write(tmp_path / "h.yaml", {"ring": entry}))
+        read_hardware(write(tmp_path / "h.yaml", {kind: entry}))
 
 
 def configured(pytestconfig: pytest.Config, **options: object) -> list[str]:
@@ -111,23 +114,6 @@ def test_the_run_ends_before_its_first_test_where_the_file_is_wrong(
     entry = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}}
     with pytest.raises(pytest.UsageError, match="'travel' does not say how far it may"):
         configured(pytestconfig, hardware=write(tmp_path / "h.yaml", {"stage": entry}))
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("stage: [", "no list of devices"),
-        ("gripper: {device: hand}", "no kind of device 'gripper'"),
-        ("torque: {device: nano}", "no device 'nano'; known: ati"),
-        ("torque: {device: sim}", "no device 'sim'"),
-        ("torque: {device: ati, option: {}}", "unknown field"),
-    ],
-)
-def test_a_file_that_makes_no_sense_is_refused_by_name(tmp_path: Path, text: str, said: str) -> None:
-    path = tmp_path / "h.yaml"
-    path.write_text(text)
-    with pytest.raises(DeviceError, match=said):
-        read_hardware(path)
 
 
 def test_a_file_may_be_toml(tmp_path: Path) -> None:
