@@ -90,7 +90,7 @@ def test_nothing_is_late_while_all_speak_in_time() -> None:
 def test_a_sample_is_stale_after_25_ms_and_a_heartbeat_lost_after_50() -> None:
     dog = watchdog()
     heard(dog, 100)
-    (silent,) = dog.overdue(126 * MS)
+    silent = dog.overdue(126 * MS)[0]
     assert silent.cause is Cause.HEARTBEAT  # of a node that is silent, too, it is not the sensor's
     assert "report of the sensor" in silent.text
     dog.check_load(replace(FINE, sample_ns=100 * MS, stamp_ns=126 * MS))

@@ -19,13 +19,17 @@ class Muscles:
 
     def __init__(self, seed: int = 1) -> None:
         self.source = SimEmg(matrix=_EVERY_LEVEL_ALIKE, rate_hz=EMG_HZ)
-        self._state = SimEmgState()
-        self._rng = np.random.default_rng((seed, 2))
+        self._state, self._rng = SimEmgState(), np.random.default_rng((seed, 2))
 
     def since(self, now_ns: int) -> EmgSamples:
         """Return the samples since the last call."""
         self.source.open(now_ns, self._state, self._rng)
         return self.source.drain(now_ns, self._state, self._rng)
+
+
+def load_filters() -> None:
+    """Load what the first samples need: it takes longer than a driver waits for an answer."""
+    Muscles().since(0)
 
 
 class Noraxon:

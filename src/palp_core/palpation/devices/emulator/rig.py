@@ -13,7 +13,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
 from palp_core.palpation.devices.emulator.axis import Axes, Axis
 from palp_core.palpation.devices.emulator.contact import ProbeContact
-from palp_core.palpation.devices.emulator.emg import EMG_HZ, Http, Noraxon
+from palp_core.palpation.devices.emulator.emg import EMG_HZ, Http, Noraxon, load_filters
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
 from palp_core.palpation.devices.emulator.lsl import LslOutlet
@@ -93,6 +93,8 @@ class EmulatedRig:
             else:
                 self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
                 undo.callback(shutil.rmtree, self._folder)
+            if {"noraxon", "lsl"} & set(self._devices):
+                load_filters()  # here, and not in the thread that serves the wires
             self.loop = EmulatorLoop()
             undo.callback(self.loop.stop)
             undo.callback(self._unplug_all)
