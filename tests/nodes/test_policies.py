@@ -303,7 +303,7 @@ def test_after_a_policy_without_a_mean_level_the_mean_is_that_of_the_ring() -> N
 
 # the information policy
 
-READING = {"posterior": (0.45, 0.45, 0.1), "reading_n_m": 1.45 * 0.016}
+READING: dict[str, Any] = {"posterior": (0.45, 0.45, 0.1), "reading_n_m": 1.45 * 0.016}
 
 
 def test_it_begins_where_the_depths_differ_most_and_repositions_as_a_repeat_would_share_its_error() -> None:
