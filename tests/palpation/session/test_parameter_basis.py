@@ -43,7 +43,7 @@ def test_each_basis_is_of_a_parameter_that_exists() -> None:
 CHOICES = {
     "experiment": {"out", "overwrite", "policy", "seed", "session", "stop", "scene"},
     "actuator": {"device"},
-    "stage": {"device", "block_samples", "within_sweep"},
+    "stage": {"device", "options", "block_samples", "within_sweep"},
     "torque": {"device"},
     "emg": {"device", "block_samples", "options", "cued", "phantoms", "blind", "key"},
 }
