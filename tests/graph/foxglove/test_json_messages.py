@@ -11,7 +11,7 @@ import pytest
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.foxglove.json_messages import MOST_BYTES, from_json, schema_text, to_json
+from palp_core.graph.foxglove.graph_access import MOST_BYTES, from_json, schema_text, to_json
 from palp_core.graph.messages.message import decode_any, encode_any
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "sweep.mcap"

@@ -184,18 +184,6 @@ def test_a_caller_that_is_not_let_in_is_named_there_and_knows_why(
     assert not ends.greetings
 
 
-def test_what_is_no_zeromq_is_refused(ends: Ends) -> None:
-    ends.listen(ends.keys("server"))
-    port = int(ends.endpoint.rpartition(":")[2])
-    with socket.create_connection(("127.0.0.1", port)) as stranger:
-        stranger.sendall(b"GET / HTTP/1.0\r\n\r\n" + bytes(100))
-        ends.until(lambda: ends.refused)
-    with socket.create_connection(("127.0.0.1", port)):
-        pass
-    ends.until(lambda: len(ends.refused) == 2)
-    assert not ends.messages
-
-
 def test_strangers_that_only_connect_are_cut_and_a_host_that_is_let_in_stays(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:

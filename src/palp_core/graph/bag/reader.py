@@ -143,20 +143,24 @@ class Bag(AbstractContextManager["Bag"]):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[BagMessage]:
         """Iterate decoded messages; the arguments are those of :func:`read`."""
-        of_stream: dict[int, Callable[[bytes], Any]] = {}  # by identity: streams live as long as their bag
+        ways: dict[tuple[int, int], tuple[str, int, int, Callable[[bytes], Any]]] = {}
         decoders: dict[tuple[Any, ...], Callable[[bytes], Any]] = {}
-        for stream, sequence, log_ns, publish_ns, payload in self.recorded(topics, start_ns, end_ns):
-            decode = of_stream.get(id(stream))
-            if decode is None:
-                if stream.key not in decoders:
-                    decoders[stream.key] = decoder_for(stream)
-                decode = of_stream[id(stream)] = decoders[stream.key]
-            try:
-                value = decode(payload)
-            except (msgspec.MsgspecError, ValueError) as error:
-                where = f"{self.path}: {stream.topic.name} epoch {stream.epoch} sequence {sequence}"
-                raise BagError(f"{where}: not what its schema says: {error}") from error
-            yield BagMessage(stream.topic.name, stream.epoch, sequence, log_ns, publish_ns, value)
+        for place, raw in self._raw(topics, start_ns, end_ns):
+            for channel, sequence, log_ns, publish_ns, payload in raw:
+                way = ways.get((place, channel))
+                if way is None:
+                    stream = self._streams[place][channel]
+                    if stream.key not in decoders:
+                        decoders[stream.key] = decoder_for(stream)
+                    high = stream.sequence_high << 32
+                    way = ways[place, channel] = (stream.topic.name, stream.epoch, high, decoders[stream.key])
+                name, epoch, high, decode = way
+                try:
+                    value = decode(payload)
+                except (msgspec.MsgspecError, ValueError) as error:
+                    where = f"{self.path}: {name} epoch {epoch} sequence {high | sequence}"
+                    raise BagError(f"{where}: not what its schema says: {error}") from error
+                yield BagMessage(name, epoch, high | sequence, log_ns, publish_ns, value)
 
     def attachments(self) -> dict[str, bytes]:
         """Return the attachments by name; of the same name, the latest file's."""

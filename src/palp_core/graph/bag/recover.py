@@ -70,33 +70,32 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
     Nothing is left of the new bag where nothing could be saved of a bag that has data.
     """
     report = RecoverReport(missing_files=missing_files(Path(bag)))
-    accounts: dict[str, TopicAccount] = {}
-    seen: set[tuple[str, int, int]] = set()
     problems: list[str] = []
     path = Path(bag)
     files = [path] if path.is_file() else _files(path)
     with BagWriter(out, compression=compression) as writer:
-        for place, file in enumerate(files):
+        saver = _Saver(writer)
+        for file in files:
             found = salvage(file)
             report.files.append(file.name)
             problems += [f"{file.name}: {problem}" for problem in found.problems]
             report.chunk_count += len(found.chunks)
             report.damaged_chunk_count += found.damaged_chunk_count
             report.damaged_bytes += found.damaged_bytes
-            saver = _Saver(writer, report, accounts, seen, found)
             report.unchecked_chunk_count += len(found.unchecked)
             for messages, checked in found.messages():
-                saved = saver.save(messages)
+                saved = saver.save(found, messages)
                 report.unverified_count += 0 if checked else saved
-            report.unverified_count += saver.save(found.torn_messages())
-            for attachment in found.attachments.values():
-                if attachment.name != SUMMARY_NAME and place == len(files) - 1:
-                    writer.attach(attachment.name, attachment.data, attachment.media_type)
-            for metadata in found.metadata.values():
-                if place == len(files) - 1:
+            report.unverified_count += saver.save(found, found.torn_messages())
+            if file == files[-1]:  # each has what the files before it have
+                for attachment in found.attachments.values():
+                    if attachment.name != SUMMARY_NAME:
+                        writer.attach(attachment.name, attachment.data, attachment.media_type)
+                for metadata in found.metadata.values():
                     writer.add_metadata(metadata.name, metadata.metadata)
-        report.gaps = {name: account.lost for name, account in sorted(accounts.items())}
-        report.message_count = {name: account.count for name, account in sorted(accounts.items())}
+        report.orphan_count = saver.orphan_count
+        report.gaps = {name: account.lost for name, account in sorted(saver.accounts.items())}
+        report.message_count = {name: account.count for name, account in sorted(saver.accounts.items())}
         report.complete = not (
             report.missing_files or report.damaged_bytes or report.orphan_count or any(report.gaps.values())
         )
@@ -108,29 +107,25 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
 
 
 class _Saver:
-    """Writes the messages of one file; repeated ones only where the original is lost."""
+    """Writes messages that were found; repeated ones only where the original is lost."""
 
-    def __init__(
-        self,
-        writer: BagWriter,
-        report: RecoverReport,
-        accounts: dict[str, TopicAccount],
-        seen: set[tuple[str, int, int]],
-        found: Salvage,
-    ) -> None:
-        self._writer, self._report, self._accounts, self._seen = writer, report, accounts, seen
-        self._found = found
-        self._streams: dict[int, Stream | None] = {}
+    def __init__(self, writer: BagWriter) -> None:
+        self._writer = writer
+        self.accounts: dict[str, TopicAccount] = {}
+        self.orphan_count = 0
+        self._seen: set[tuple[str, int, int]] = set()
+        self._streams: dict[tuple[Path, int], Stream | None] = {}
 
-    def save(self, messages: list[RawMessage]) -> int:
-        """Save messages; return how many."""
+    def save(self, found: Salvage, messages: list[RawMessage]) -> int:
+        """Save messages of a file; return how many."""
         saved = 0
         for channel, low, log_ns, publish_ns, payload in messages:
-            if channel not in self._streams:
-                self._streams[channel] = self._stream(channel)
-            stream = self._streams[channel]
+            place = found.path, channel
+            if place not in self._streams:
+                self._streams[place] = _stream(found, channel)
+            stream = self._streams[place]
             if stream is None:
-                self._report.orphan_count += 1
+                self.orphan_count += 1
                 continue
             topic, sequence = stream.topic, stream.sequence_high << 32 | low
             if topic.latched_depth:
@@ -140,17 +135,18 @@ class _Saver:
                 self._seen.add(key)
             stream = msgspec.structs.replace(stream, repeated=False) if stream.repeated else stream
             self._writer.write(self._writer.stream(stream), sequence, log_ns, publish_ns, payload)
-            self._accounts.setdefault(topic.name, TopicAccount()).epoch(stream.epoch).add(sequence)
+            self.accounts.setdefault(topic.name, TopicAccount()).epoch(stream.epoch).add(sequence)
             saved += 1
         return saved
 
-    def _stream(self, channel: int) -> Stream | None:
-        try:
-            entry = self._found.channels[channel]
-            schema = self._found.schemas[entry.schema_id] if entry.schema_id else None
-            return Stream.of(entry, schema)
-        except (KeyError, ValueError):
-            return None
+
+def _stream(found: Salvage, channel: int) -> Stream | None:
+    """Return what a channel stands for; None if its definition is gone."""
+    try:
+        entry = found.channels[channel]
+        return Stream.of(entry, found.schemas[entry.schema_id] if entry.schema_id else None)
+    except (KeyError, ValueError):
+        return None
 
 
 def _files(folder: Path) -> list[Path]:

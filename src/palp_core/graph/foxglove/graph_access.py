@@ -1,17 +1,23 @@
 """What a viewer asks of a running graph: parameters read and set, services called; in words if refused."""
 
-from collections.abc import Iterable, Mapping
+import json
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import msgspec
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.bag.forms import json_form
+from palp_core.graph.discovery.message_yaml import packed
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
-from palp_core.graph.foxglove.json_messages import from_json, to_json
-from palp_core.graph.messages.topic import Topic
+from palp_core.graph.messages.schema_reader import JsonSchema
+from palp_core.graph.messages.schema_types import payload_decoder, plain
+from palp_core.graph.messages.topic import ANY_SCHEMA, Topic
 from palp_core.graph.recording.live_feed import is_order, live_topics
 
 ASK_S = 5.0
+MOST_BYTES = 1 << 20
+"""Of what a viewer sends."""
 READ_ONLY = "palp bridge foxglove was started with --read-only"
 NOT_OPERATED = "this graph moves something real; start palp bridge foxglove with --operate"
 
@@ -126,3 +132,40 @@ def _split(name: str) -> tuple[str, str]:
     """Return node and parameter of ``/node.parameter``."""
     node, _, parameter = name.removeprefix("/").partition(".")
     return node, parameter
+
+
+def schema_text(schema: dict[str, Any]) -> bytes:
+    """Return the JSON Schema of a message as JSON: its arrays are lists of numbers."""
+    return json.dumps(json_form(schema)).encode()
+
+
+def to_json(schema: JsonSchema) -> Callable[[bytes | memoryview], bytes]:
+    """Return a function from a payload to JSON; what JSON cannot say, NaN and infinity, becomes null.
+
+    It raises SchemaMismatch if a payload is not what the schema says.
+    """
+    try:
+        decode = payload_decoder(schema, "Value")
+    except SchemaMismatch:  # another tool's schema, which has what no message can have: shown as it comes
+        decode = payload_decoder(ANY_SCHEMA, "Value")
+
+    def convert(payload: bytes | memoryview) -> bytes:
+        try:
+            return msgspec.json.encode(plain(decode(payload)))
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise SchemaMismatch(f"not what its schema says: {error}") from error
+
+    return convert
+
+
+def from_json(text: bytes, schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a message as it travels; fields that are not given are left to the receiver's defaults."""
+    title = schema.get("title", "message")
+    if len(text) > MOST_BYTES:
+        raise GraphError(f"no {title}: {len(text)} bytes are more than the {MOST_BYTES} that are read")
+    try:
+        value = msgspec.json.decode(text or b"{}")
+        message: dict[str, Any] = packed(value, schema, "")
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, SchemaMismatch) as error:
+        raise GraphError(f"no {title}: {error}") from error
+    return message

@@ -6,12 +6,14 @@ import contextlib
 import json
 import logging
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any, NamedTuple, Self
 
 import foxglove
-from foxglove.websocket import Capability, WebSocketServer
+from foxglove import Parameter
+from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.forms import json_form
@@ -20,9 +22,15 @@ from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove import log_entries
 from palp_core.graph.foxglove.gate import Gate, hidden_address
-from palp_core.graph.foxglove.graph_access import Description, GraphAccess, ServiceType, describe, full_names
-from palp_core.graph.foxglove.json_messages import schema_text, to_json
-from palp_core.graph.foxglove.viewers import SubscriptionChange, Viewers, as_parameters
+from palp_core.graph.foxglove.graph_access import (
+    Description,
+    GraphAccess,
+    ServiceType,
+    describe,
+    full_names,
+    schema_text,
+    to_json,
+)
 from palp_core.graph.foxglove.watched_topics import WatchedTopics
 from palp_core.graph.messages.builtin import NodeEvent
 from palp_core.graph.messages.frame import Frame
@@ -39,6 +47,56 @@ BACKLOG = 512
 LOG_KEPT = 500
 _NODE_EVENT = schema_of(NodeEvent).hash_text
 _CAPABILITIES = [Capability.Parameters, Capability.Services, Capability.Time, Capability.ConnectionGraph]
+
+
+class SubscriptionChange(NamedTuple):
+    """A viewer has begun, or ceased, to look at a topic."""
+
+    viewer: int
+    topic: str
+    begins: bool
+
+
+class Viewers(ServerListener):
+    """Takes what viewers want."""
+
+    def __init__(self, access: GraphAccess) -> None:
+        self._access = access
+        # In order, who has begun or ceased to look at what, and why parameters were not set.
+        self.wanted: SimpleQueue[SubscriptionChange | str] = SimpleQueue()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self.wanted.put(SubscriptionChange(client.id, channel.topic, begins=True))
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        self.wanted.put(SubscriptionChange(client.id, channel.topic, begins=False))
+
+    def on_get_parameters(
+        self, client: Client, param_names: list[str], request_id: str | None = None
+    ) -> list[Parameter]:
+        return as_parameters(self._access.parameters(param_names))
+
+    def on_set_parameters(
+        self, client: Client, parameters: list[Parameter], request_id: str | None = None
+    ) -> list[Parameter]:
+        """Set them, and answer with what they are then; why one is refused comes as a status."""
+        wanted = {parameter.name: parameter.get_value() for parameter in parameters}
+        try:
+            self._access.set_parameters(wanted)
+        except GraphError as error:
+            self.wanted.put(str(error))
+        return as_parameters(self._access.parameters(wanted))
+
+
+def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
+    """Return parameters as the SDK has them; what it has no way to say stands as JSON text."""
+    found = []
+    for name, value in values.items():
+        try:
+            found.append(Parameter(name, value=value))
+        except TypeError:  # a null within a mapping, say
+            found.append(Parameter(name, value=json.dumps(value)))
+    return found
 
 
 class _Shown(NamedTuple):

@@ -15,14 +15,13 @@ from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.maps import Times, as_plain
 from palp_core.graph.ros2.message_types import known_types, message_type
 from palp_core.graph.ros2.middleware import Middleware
 from palp_core.graph.ros2.parameters import NodeParameters
 from palp_core.graph.ros2.plan import Crossing, Joining
+from palp_core.graph.ros2.ports import Account, Ports
 from palp_core.graph.ros2.services import caller, offer
-from palp_core.graph.ros2.to_palp import Ports
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 CLOCK_NS = 10_000_000

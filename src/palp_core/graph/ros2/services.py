@@ -9,9 +9,9 @@ from palp_core.errors import GraphError, PalpError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message import decode
-from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain
 from palp_core.graph.ros2.middleware import installed_type
+from palp_core.graph.ros2.ports import Account
 
 ASK_S = 5.0
 

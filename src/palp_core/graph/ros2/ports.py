@@ -1,19 +1,66 @@
-"""Messages from outside into the external ports of a running graph, many under way, each accounted for."""
+"""Messages from outside into the external ports of a running graph; the account of whatever crosses."""
 
 from __future__ import annotations
 
 import uuid
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from threading import Lock
 from typing import Any, NamedTuple
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.ros2.account import Account
 from palp_core.graph.transport.requester_socket import RequesterSocket
 
 MOST_UNDER_WAY = 500
 ANSWER_NS = 5_000_000_000
+REPORT_NS = 1_000_000_000
+
+
+class Account:
+    """The account of one entry of a map; any thread may write it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.crossed = self.lost = self.refused = 0  # refused, with a reason: those that could not be taken
+        self.reason = ""
+        self._reported = (0, 0)
+        self._reported_ns = 0
+        self._lock = Lock()
+
+    def cross(self) -> None:
+        """Note a message that has crossed."""
+        with self._lock:
+            self.crossed += 1
+
+    def lose(self, count: int) -> None:
+        """Note messages that are missing for good."""
+        with self._lock:
+            self.lost += count
+
+    def refuse(self, reason: str) -> None:
+        """Note a message that could not be taken."""
+        with self._lock:
+            self.refused += 1
+            self.reason = reason
+
+    def report(self, write: Callable[[str], None], *, at_once: bool = False) -> None:
+        """Write what has been lost or refused since the last report, at most once a second."""
+        now_ns = monotonic_ns()
+        if (self.lost, self.refused) == self._reported or (
+            now_ns < self._reported_ns + REPORT_NS and not at_once
+        ):
+            return
+        lost, refused = self.lost - self._reported[0], self.refused - self._reported[1]
+        self._reported, self._reported_ns = (self.lost, self.refused), now_ns
+        if lost:
+            write(f"{self.name}: {lost} lost ({self.lost} in all)")
+        if refused:
+            write(f"{self.name}: {refused} refused ({self.refused} in all): {self.reason}")
+
+    def __str__(self) -> str:
+        refused = f", {self.refused} refused" if self.refused else ""
+        return f"{self.name}: {self.crossed} crossed, {self.lost} lost{refused}"
 
 
 class _Asked(NamedTuple):
