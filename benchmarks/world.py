@@ -17,11 +17,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from palp_core.palpation.mechanics.tip import contact_radius_m
 from palp_core.palpation.reporting.charts import BLUE, GREY, VERMILION, Chart, save, tidy
-from palp_core.palpation.studies.simulation.gel import Gel
-from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
+from palp_core.palpation.studies.plan import Gel
+from palp_core.palpation.studies.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.drag import drag, joints_of
-from palp_core.palpation.world.draws import latent_spread
+from palp_core.palpation.world.draws import layer_weight
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import LAB, PAPER, WorldModel
 from palp_core.palpation.world.stick_slip import stick_slip
@@ -69,6 +70,31 @@ def by_ring() -> None:
             hertz, swing = cycles.hertz[j, 120], cycles.swing_n_m[j, 120] * 1e3
             words.append(f"{excess:g}: " + (f"{hertz:.0f} Hz {swing:.1f}" if hertz else "none"))
         print(f"{ring_m:6.3f}  {found.loose_m[j] * 1e3:20.2f}  {lag_m[j] * 1e3:11.2f}  {', '.join(words)}")
+
+
+def latent_spread(
+    world: WorldModel, depth_m: float = 0.004, *, ring_sd_m: float = 0.0, height_sd_m: float = 0.0
+) -> tuple[Float64Array, Float64Array]:
+    """Return mean and standard deviation of a sweep's latents over sessions, each of shape (7,).
+
+    The square of a normal distance of variance v has the mean v and the standard deviation sqrt(2) v.
+    """
+    contact_m = contact_radius_m(0.006, 0.5 * 0.004)
+    layer = world.layer_modulus_sd * layer_weight(depth_m, contact_m)
+    beside = world.bead_beside_specimen_sd_m**2 + world.bead_beside_mounting_sd_m**2
+    at = LATENTS.index
+    mean, sd = np.zeros(len(LATENTS)), np.zeros(len(LATENTS))
+    mean[at("beside_m2")] = beside
+    sd[at("ring_m")], sd[at("beside_m2")], sd[at("tip_radius_m")] = (
+        ring_sd_m,
+        np.sqrt(2.0) * beside,
+        world.tip_radius_session_sd_m,
+    )
+    sd[at("height_m")] = np.hypot(height_sd_m, world.indentation_session_sd_m)
+    sd[at("modulus")] = np.linalg.norm([world.modulus_batch_sd, world.modulus_specimen_sd, layer])
+    sd[at("friction")] = world.friction_mounting_sd
+    sd[at("along_m")] = np.hypot(world.bead_along_specimen_sd_m, world.bead_along_mounting_sd_m)
+    return mean, sd
 
 
 def of_the_lab(count: int, scale: float, rng: np.random.Generator) -> Float64Array:

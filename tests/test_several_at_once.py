@@ -22,7 +22,7 @@ from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import own_codes, seal
 from palp_core.palpation.session.audit import decide, decisions
 from palp_core.palpation.session.session_folder import link_latest
-from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
+from palp_core.palpation.studies.parallel import Checkpoint
 from palp_core.whole_file import write_whole
 
 PROCESSES, ROUNDS = 8, 3

@@ -16,8 +16,8 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
 from palp_core.palpation.session.reading_params import TASKS
 from palp_core.palpation.session.reanalysis import Methods
-from palp_core.palpation.studies.perception import signals
-from palp_core.palpation.studies.simulation.policies import NAMES
+from palp_core.palpation.studies.measures.perception import FEATURES
+from palp_core.palpation.studies.schemes import POLICIES
 from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,7 +41,7 @@ def offered() -> list[tuple[str, str, str]]:
                 found.append((file.name, task, arguments[task]["default"]))
         if "knows" in arguments:
             found.append((file.name, "filter", arguments["knows"]["default"]))
-    found += [("signals", "feature", name) for name in signals.FEATURES]
+    found += [("signals", "feature", name) for name in FEATURES]
     return found
 
 
@@ -55,7 +55,8 @@ def test_what_is_offered_is_in_the_register() -> None:
 
 
 def test_every_policy_of_a_study_is_one_of_the_register() -> None:
-    without_suffix = {re.sub(r"_(best|stiff|stationary|reversed|permuted|\d+)$", "", name) for name in NAMES}
+    suffix = re.compile(r"_(best|stiff|stationary|reversed|permuted|\d+)$")
+    without_suffix = {suffix.sub("", name) for name in POLICIES}
     assert without_suffix - {"chance", "best_single_probe"} <= set(names("policy"))
 
 

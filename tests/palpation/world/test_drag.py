@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics import Bead, Phantom, Probe, rung_model, sweep
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.world.drag import drag
@@ -90,20 +89,6 @@ def test_a_mirrored_sweep_gives_a_mirrored_torque(felt: Touch) -> None:
     mirrored[:, LATENTS.index("along_m")] *= -1.0
     forward = drag(felt, mirrored, RINGS_M, 0.004, -STAGE_M[::-1])
     np.testing.assert_array_equal(back.torque_n_m, -forward.torque_n_m)
-
-
-def test_a_sweep_back_in_touch_turns_the_joint_over_first(felt: Touch) -> None:
-    there = drag(felt, latents(), RINGS_M[1:], 0.004, STAGE_M)
-    back = drag(felt, latents(), RINGS_M[1:], 0.004, STAGE_M[::-1], start_rad=there.angle_rad[:, -1])
-    assert back.torque_n_m[0, 0] == pytest.approx(there.torque_n_m[0, -1], rel=1e-3)
-    assert back.loose_m[0] == pytest.approx(2.0 * there.loose_m[0], rel=0.05)
-
-
-def test_a_tip_that_would_be_pushed_ahead_is_refused(felt: Touch) -> None:
-    row = latents(ring_m=-0.6e-3, friction=-0.25)
-    there = drag(felt, row, np.zeros(1), 0.004, STAGE_M)
-    with pytest.raises(MechanicsError, match="lift it before it sweeps back"):
-        drag(felt, row, np.zeros(1), 0.004, STAGE_M[::-1], start_rad=there.angle_rad[:, -1])
 
 
 def test_without_a_run_in_a_sweep_begins_lagging(felt: Touch) -> None:

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.world import latent_spread
 from palp_core.palpation.mechanics import Bead, Phantom, Probe
 from palp_core.palpation.world.draws import (
     SessionDraws,
-    latent_spread,
     layer_weight,
     mounting_parts,
-    ring_part,
+    parts_of,
     session_part,
     specimen_parts,
     together,
@@ -48,7 +48,7 @@ def test_spreads_are_those_of_the_world() -> None:
         np.array([session_part(LAB, rng) for _ in range(count)]),
         specimen_parts(LAB, rng, np.full(count, 0.004)),
         mounting_parts(LAB, rng, count, 0.1e-3),
-        ring_part(0.1e-3 * rng.standard_normal(count)),
+        parts_of(ring_m=0.1e-3 * rng.standard_normal(count)),
     )
     mean, sd = latent_spread(LAB, 0.004, ring_sd_m=0.1e-3, height_sd_m=0.1e-3)
     np.testing.assert_allclose(rows.std(axis=0), sd, rtol=0.04)

@@ -42,7 +42,10 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     [
         ("base: lab\nfriction: 0.1\n", r":2:1: the world has no key 'friction'; "),
         ("base: moon\n", r":1:7: base must be paper or lab, not 'moon'"),
-        ("base: lab\ntexture_sd_n_m: 0.2\n", r":2:17: texture_sd_n_m is 0.2; allowed are 0 to 0.005 N m"),
+        (
+            "base: lab\ntexture_sd_n_m: 0.2\n",
+            r":2:17: texture_sd_n_m: 0.2 is not in \[0, 0.005\]; give it in N m",
+        ),
         ("texture_sd_n_m: 1.0e-4\n", r"my.yaml:1:1: texture_length_m: a texture needs a correlation length"),
         ("run_in: 0.5\n", r":1:9: run_in: 0.5 is neither 0 nor 1"),
         ("modulus_batch_sd: much\n", r":1:19: modulus_batch_sd must be a number"),

@@ -10,7 +10,7 @@ from typing import Any
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign, import_foreign
 from palp_core.palpation.session.orders import GROUPED
-from palp_core.palpation.studies.toolkit.checkpoint import read_lines
+from palp_core.palpation.studies.parallel import read_lines
 from palp_core.published import STUDIES as PUBLISHED
 from palp_core.published import published
 
@@ -20,19 +20,12 @@ OPTIONS = {"quick": False, "workers": 1, "dask": "", "mounting": GROUPED, "speci
 
 @dataclass(frozen=True)
 class Study:
-    """A study.
+    """A study."""
 
-    Attributes:
-        name: As in ``palp study run NAME``.
-        question: What it answers, in a line.
-        target: ``module:function``, called with the options that it takes; returns its page.
-        checkpoint: File of its folder that gets a line for every part that is finished; empty: none.
-    """
-
-    name: str
-    question: str
-    target: str
-    checkpoint: str = ""
+    name: str  # as in palp study run NAME
+    question: str  # what it answers, in a line
+    target: str  # module:function, called with the options that it takes; returns its page
+    checkpoint: str = ""  # file of its folder that gets a line for every part that is finished; empty: none
 
     def run(self, out: Path, **options: Any) -> Path:
         """Run it and return its page."""

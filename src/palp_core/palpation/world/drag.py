@@ -36,21 +36,13 @@ _STEEPEST_RAD = 1.4
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """n joints in coordinates in which the sweep goes forward; their own numbers have the shape (n, 1).
+    """n joints in coordinates in which the sweep goes forward; their own numbers have the shape (n, 1)."""
 
-    Attributes:
-        touch: Contact with the phantom.
-        rows: Latents, shape (n, 7).
-        ring_m: True positions of the ring, shape (n,).
-        indentation_m: Indentation of the upright probe, shape (n,).
-        direction: +1.0 for a sweep towards +Y, -1.0 for one towards -Y.
-    """
-
-    touch: Touch
-    rows: Float64Array
-    ring_m: Float64Array
-    indentation_m: Float64Array
-    direction: float
+    touch: Touch  # contact with the phantom
+    rows: Float64Array  # latents, shape (n, 7)
+    ring_m: Float64Array  # true positions of the ring, shape (n,)
+    indentation_m: Float64Array  # indentation of the upright probe, shape (n,)
+    direction: float  # +1.0 for a sweep towards +Y, -1.0 for one towards -Y
 
     @property
     def friction(self) -> Float64Array:
@@ -81,12 +73,7 @@ class Joints:
     def needed(
         self, stage_m: Float64Array, angle_rad: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return the friction that would hold the tip, N and U_s, in N.
-
-        Args:
-            stage_m: Positions in the direction of the sweep, against ``angle_rad``, shape (n, p).
-            angle_rad: Angles, positive where the tip lags.
-        """
+        """Return the friction that would hold the tip, N and U_s, in N."""
         place_m = self.direction * (stage_m - self.lever_m * np.sin(angle_rad))
         normal_n, lateral_n = self.touch.force(place_m, self.depth_m(angle_rad), self.rows)
         lateral_n = self.direction * lateral_n
@@ -143,36 +130,23 @@ def joints_of(
 
 @dataclass(frozen=True, eq=False)
 class Dragged:
-    """n sweeps over p stage positions; arrays have the shape (n, p), signs are those of the rig.
+    """n sweeps over p stage positions; arrays have the shape (n, p), signs are those of the rig."""
 
-    Attributes:
-        stage_m: Stage positions, shape (p,), in the order of the sweep.
-        torque_n_m: Torque of the sensor; negative on a sweep towards -Y.
-        sliding_n_m: That of a tip that slides already.
-        sticking_n_m: That of a tip that still holds where it was lowered, beyond what friction can hold, too.
-        angle_rad: The joint's angle.
-        normal_n: Normal force.
-        lateral_n: Elastic drag, positive where it pulls the tip towards -Y.
-        depth_m: How deep the ball is under the undeformed surface.
-        tip_m: Place of the ball along the path.
-        stuck: Whether the tip holds on to the gel.
-        loose_m: Way of the stage until the tip broke loose, shape (n,); 0 without a run-in, beyond the path's
-            length if it never did.
-        guards: What the solver met in a nominal sweep, in words.
-    """
-
-    stage_m: Float64Array
-    torque_n_m: Float64Array
-    sliding_n_m: Float64Array
+    stage_m: Float64Array  # stage positions, shape (p,), in the order of the sweep
+    torque_n_m: Float64Array  # torque of the sensor; negative on a sweep towards -Y
+    sliding_n_m: Float64Array  # that of a tip that slides already
+    # that of a tip that still holds where it was lowered, beyond what friction can hold, too
     sticking_n_m: Float64Array
-    angle_rad: Float64Array
-    normal_n: Float64Array
-    lateral_n: Float64Array
-    depth_m: Float64Array
-    tip_m: Float64Array
-    stuck: NDArray[np.bool_]
+    angle_rad: Float64Array  # the joint's angle
+    normal_n: Float64Array  # normal force
+    lateral_n: Float64Array  # elastic drag, positive where it pulls the tip towards -Y
+    depth_m: Float64Array  # how deep the ball is under the undeformed surface
+    tip_m: Float64Array  # place of the ball along the path
+    stuck: NDArray[np.bool_]  # whether the tip holds on to the gel
+    # way of the stage until the tip broke loose, shape (n,); 0 without a run-in, beyond the path's length if
+    # it never did
     loose_m: Float64Array
-    guards: tuple[str, ...] = ()
+    guards: tuple[str, ...] = ()  # what the solver met in a nominal sweep, in words
 
 
 def drag(
@@ -183,22 +157,11 @@ def drag(
     stage_m: Float64Array,
     *,
     run_in: bool = True,
-    start_rad: Float64Array | None = None,
 ) -> Dragged:
-    """Return sweeps at constant height, each with latents of its own.
+    """Return sweeps at constant height, each with latents (n, 7) and a nominal ring (n,) of its own.
 
-    Args:
-        touch: Contact with the phantom.
-        rows: Latents, shape (n, 7).
-        ring_m: Nominal positions of the ring, shape (n,).
-        indentation_m: Nominal indentation.
-        stage_m: Positions, rising or falling, shape (p,), p at least 2; the tip was lowered at the first.
-        run_in: Whether the tip sticks at first; else it slides from the first position on.
-        start_rad: Angle of the joint at the first position, signed as in :class:`Dragged`, shape (n,); None:
-            upright. A sweep back without lifting begins at the angle at which the one before has ended.
-
-    Raises:
-        MechanicsError: There is no equilibrium with a lagging tip, or an input is out of range.
+    Stage positions rise or fall; the probe is lowered upright at the first, where the tip sticks unless it
+    slides from there on (no ``run_in``).
     """
     direction = 1.0 if stage_m[-1] > stage_m[0] else -1.0
     forward_m = (direction * stage_m)[None, :]
@@ -209,19 +172,13 @@ def drag(
     angle, torque, stuck = slid, sliding, np.zeros(slid.shape, dtype=np.bool_)
     sticking, loose_m = sliding, np.zeros(len(rows))
     if run_in:
-        start = np.zeros(len(rows)) if start_rad is None else direction * start_rad
-        held = joints.stuck_angle(joints.way_m(start[:, None]) + forward_m - forward_m[:, :1])
+        held = joints.stuck_angle(forward_m - forward_m[:, :1])
         friction_n, held_normal, held_lateral = joints.needed(forward_m, held)
         sticking = joints.torque(held, friction_n, held_lateral)
         loose = friction_n >= joints.friction * held_normal
         loose[:, 0] = False
-        if (loose & (held < 0.0)).any():
-            raise MechanicsError(
-                "the tip is pushed ahead of the joint instead of turning with the stage; lift it before it "
-                "sweeps back"
-            )
         stuck = ~np.logical_or.accumulate(loose, axis=1)
-        loose_m = _loose(joints, forward_m, start, friction_n - joints.friction * held_normal, stuck)
+        loose_m = _loose(joints, forward_m, friction_n - joints.friction * held_normal, stuck)
         angle = np.where(stuck, held, slid)
         torque, normal_n = np.where(stuck, sticking, sliding), np.where(stuck, held_normal, normal_n)
         lateral_n = np.where(stuck, held_lateral, lateral_n)
@@ -249,7 +206,6 @@ def drag(
 def _loose(
     joints: Joints,
     forward_m: Float64Array,
-    start_rad: Float64Array,
     excess_n: Float64Array,
     stuck: NDArray[np.bool_],
 ) -> Float64Array:
@@ -265,7 +221,7 @@ def _loose(
         way_m = low + (high - low) * np.clip(below / np.where(above == below, 1.0, below - above), 0.01, 0.99)
         if np.abs(way_m - last_m).max() < _LOOSE_M:
             break
-        held = joints.stuck_angle(joints.way_m(start_rad[:, None]) + way_m[:, None])
+        held = joints.stuck_angle(way_m[:, None])
         friction_n, normal_n, _ = joints.needed(forward_m[:, :1] + way_m[:, None], held)
         value = (friction_n - joints.friction * normal_n)[:, 0]
         up = value >= 0.0

@@ -28,7 +28,7 @@ from palp_core.units import Float64Array
 PARTS = tuple("beside_m" if name == "beside_m2" else name for name in LATENTS)
 """What a part is of: the latents, but for the bead's distance beside the path, which has a sign."""
 
-_RING, _HEIGHT, _MODULUS, _FRICTION, _ALONG, _BESIDE, _TIP = range(len(LATENTS))
+_BESIDE = LATENTS.index("beside_m2")
 _SESSION, _SPECIMEN, _MOUNTING, _SWEEP = range(4)
 _ALIKE_M = 1e-4  # sweeps that begin so near each other are one
 _PRESSED = 0.5
@@ -49,15 +49,23 @@ def layer_weight(depth_m: float, contact_m: float, poisson: float = 0.49) -> flo
     return 2.0 / math.pi * math.atan(x) + rest / (2.0 * math.pi * (1.0 - poisson))
 
 
+def parts_of(**values: ArrayLike) -> Float64Array:
+    """Return parts by name in :data:`PARTS`, shape (..., 7); those that are not given are 0."""
+    given = np.broadcast_arrays(*[np.asarray(value, dtype=np.float64) for value in values.values()])
+    parts = np.zeros((*given[0].shape, len(PARTS)))
+    for name, value in zip(values, given, strict=True):
+        parts[..., PARTS.index(name)] = value
+    return parts
+
+
 def session_part(world: WorldModel, rng: np.random.Generator) -> Float64Array:
     """Return what a session's sweeps share, shape (7,): batch, indentation, ball; 3 numbers are drawn."""
-    part = np.zeros(len(LATENTS))
-    part[[_MODULUS, _HEIGHT, _TIP]] = rng.standard_normal(3) * (
-        world.modulus_batch_sd,
-        world.indentation_session_sd_m,
-        world.tip_radius_session_sd_m,
+    luck = rng.standard_normal(3)
+    return parts_of(
+        modulus=world.modulus_batch_sd * luck[0],
+        height_m=world.indentation_session_sd_m * luck[1],
+        tip_radius_m=world.tip_radius_session_sd_m * luck[2],
     )
-    return part
 
 
 def specimen_parts(
@@ -69,67 +77,39 @@ def specimen_parts(
     indentation_m: float = 0.004,
     poisson: float = 0.49,
 ) -> Float64Array:
-    """Return what each phantom is off by: modulus, the layer over the bead, the bead's place. 4 numbers each.
+    """Return what phantoms of depths (...) are off by, shape (..., 7); 4 numbers each are drawn.
 
-    Args:
-        world: The spreads.
-        rng: Drawn from.
-        depth_m: Gel over each phantom's bead, any shape.
-        tip_radius_m: Of the ball; with indentation and Poisson's ratio it says how deep a contact feels.
-        indentation_m: Nominal.
-        poisson: Poisson's ratio.
-
-    Returns:
-        Parts, shape (..., 7).
+    Modulus, the layer over the bead, the bead's place. Ball, indentation and Poisson's ratio set how deep a
+    contact feels.
     """
     depths_m = np.asarray(depth_m, dtype=np.float64)
     contact_m = contact_radius_m(tip_radius_m, _PRESSED * indentation_m)
     weight = np.array([layer_weight(d, contact_m, poisson) for d in depths_m.ravel()]).reshape(depths_m.shape)
     luck = rng.standard_normal((*depths_m.shape, 4))
-    parts = np.zeros((*depths_m.shape, len(LATENTS)))
-    parts[..., _MODULUS] = (
-        world.modulus_specimen_sd * luck[..., 0] + world.layer_modulus_sd * weight * luck[..., 1]
+    return parts_of(
+        modulus=world.modulus_specimen_sd * luck[..., 0] + world.layer_modulus_sd * weight * luck[..., 1],
+        along_m=world.bead_along_specimen_sd_m * luck[..., 2],
+        beside_m=world.bead_beside_specimen_sd_m * luck[..., 3],
     )
-    parts[..., _ALONG] = world.bead_along_specimen_sd_m * luck[..., 2]
-    parts[..., _BESIDE] = world.bead_beside_specimen_sd_m * luck[..., 3]
-    return parts
 
 
 def mounting_parts(
     world: WorldModel, rng: np.random.Generator, count: int, height_sd_m: float = 0.0
 ) -> Float64Array:
     """Return what mountings are off by, shape (count, 7): height, friction, bead's place; 4 numbers each."""
-    parts = np.zeros((count, len(LATENTS)))
-    parts[:, [_HEIGHT, _FRICTION, _ALONG, _BESIDE]] = rng.standard_normal((count, 4)) * (
-        height_sd_m,
-        world.friction_mounting_sd,
-        world.bead_along_mounting_sd_m,
-        world.bead_beside_mounting_sd_m,
+    luck = rng.standard_normal((count, 4))
+    return parts_of(
+        height_m=height_sd_m * luck[:, 0],
+        friction=world.friction_mounting_sd * luck[:, 1],
+        along_m=world.bead_along_mounting_sd_m * luck[:, 2],
+        beside_m=world.bead_beside_mounting_sd_m * luck[:, 3],
     )
-    return parts
 
 
 def wear_part(world: WorldModel, path_m: ArrayLike) -> Float64Array:
     """Return what a path swept so far has done to friction and ball, shape (..., 7)."""
     way_m = np.asarray(path_m, dtype=np.float64)
-    part = np.zeros((*way_m.shape, len(LATENTS)))
-    part[..., _FRICTION], part[..., _TIP] = world.friction_wear_per_m * way_m, world.tip_wear_per_m * way_m
-    return part
-
-
-def ring_part(error_m: ArrayLike) -> Float64Array:
-    """Return the part that a ring's landing is, shape (..., 7)."""
-    errors_m = np.asarray(error_m, dtype=np.float64)
-    part = np.zeros((*errors_m.shape, len(LATENTS)))
-    part[..., _RING] = errors_m
-    return part
-
-
-def bead_part(beside_m: float) -> Float64Array:
-    """Return the part that a bead's nominal distance beside the path is, shape (7,)."""
-    part = np.zeros(len(LATENTS))
-    part[_BESIDE] = beside_m
-    return part
+    return parts_of(friction=world.friction_wear_per_m * way_m, tip_radius_m=world.tip_wear_per_m * way_m)
 
 
 def together(*parts: Float64Array) -> Float64Array:
@@ -139,43 +119,17 @@ def together(*parts: Float64Array) -> Float64Array:
     return rows
 
 
-def latent_spread(
-    world: WorldModel, depth_m: float = 0.004, *, ring_sd_m: float = 0.0, height_sd_m: float = 0.0
-) -> tuple[Float64Array, Float64Array]:
-    """Return mean and standard deviation of a sweep's latents over sessions, each of shape (7,).
-
-    The square of a normal distance of variance v has the mean v and the standard deviation sqrt(2) v.
-    """
-    contact_m = contact_radius_m(0.006, _PRESSED * 0.004)
-    layer = world.layer_modulus_sd * layer_weight(depth_m, contact_m)
-    beside = world.bead_beside_specimen_sd_m**2 + world.bead_beside_mounting_sd_m**2
-    mean, sd = np.zeros(len(LATENTS)), np.zeros(len(LATENTS))
-    mean[_BESIDE] = beside
-    sd[_RING], sd[_BESIDE], sd[_TIP] = ring_sd_m, math.sqrt(2.0) * beside, world.tip_radius_session_sd_m
-    sd[_HEIGHT] = math.hypot(height_sd_m, world.indentation_session_sd_m)
-    sd[_MODULUS] = math.hypot(world.modulus_batch_sd, world.modulus_specimen_sd, layer)
-    sd[_FRICTION] = world.friction_mounting_sd
-    sd[_ALONG] = math.hypot(world.bead_along_specimen_sd_m, world.bead_along_mounting_sd_m)
-    return mean, sd
-
-
 @dataclass(frozen=True)
 class SessionDraws:
     """What a session, its phantoms, mountings and sweeps are off by.
 
     Nothing is kept between calls, so that whoever takes a node's place needs the seed alone.
-
-    Attributes:
-        world: What is on.
-        seed: Of every number.
-        probe: The nominal one.
-        indentation_m: Nominal.
     """
 
-    world: WorldModel
-    seed: int
-    probe: Probe
-    indentation_m: float
+    world: WorldModel  # what is on
+    seed: int  # of every number
+    probe: Probe  # the nominal one
+    indentation_m: float  # nominal
 
     def row(
         self, code: str, phantom: Phantom, mounting: int, height_m: float = 0.0, path_m: float = 0.0
@@ -187,7 +141,7 @@ class SessionDraws:
         bead = phantom.bead
         depth_m, beside_m = (phantom.height_m, 0.0) if bead is None else (bead.depth_m, bead.beside_m)
         row = together(
-            bead_part(beside_m),
+            parts_of(beside_m=beside_m),
             session_part(self.world, self._of(_SESSION)),
             specimen_parts(
                 self.world,
@@ -233,23 +187,14 @@ def name_offsets(row: Float64Array) -> dict[str, float]:
 
 @dataclass
 class SessionSweeps:
-    """The sweeps of one mounting and ring: solved once per way of making them, each with its own phase.
+    """The sweeps of one mounting and ring: solved once per way of making them, each with its own phase."""
 
-    Attributes:
-        touch: Contact with the phantom.
-        draws: Of the session.
-        row: Latents of the mounting, shape (7,).
-        surface: Random numbers of its track.
-        ring_m: True position of the ring.
-        ends_m: Lower and upper end of what a sweep may reach.
-    """
-
-    touch: Touch
-    draws: SessionDraws
-    row: Float64Array
-    surface: Float64Array
-    ring_m: float
-    ends_m: tuple[float, float]
+    touch: Touch  # contact with the phantom
+    draws: SessionDraws  # of the session
+    row: Float64Array  # latents of the mounting, shape (7,)
+    surface: Float64Array  # random numbers of its track
+    ring_m: float  # true position of the ring
+    ends_m: tuple[float, float]  # lower and upper end of what a sweep may reach
     _solved: dict[tuple[float, bool, float, float], WorldTrace] = field(default_factory=dict)
 
     def of(
@@ -261,18 +206,7 @@ class SessionSweeps:
         forward: bool,
         indentation_m: float | None = None,
     ) -> WorldTrace:
-        """Return the sweep that was lowered at a position.
-
-        Args:
-            from_m: Where.
-            sweep: Its number: says at which share of a cycle a stick-slip begins.
-            speed_m_s: Of the stage.
-            forward: Whether it goes towards +Y.
-            indentation_m: Nominal indentation; None: the session's.
-
-        Raises:
-            MechanicsError: It has no solution.
-        """
+        """Return the sweep that was lowered at a position."""
         start = round(from_m / _ALIKE_M) * _ALIKE_M
         pressed_m = self.draws.indentation_m if indentation_m is None else indentation_m
         key = (start, forward, speed_m_s, pressed_m)
@@ -293,17 +227,11 @@ class SessionSweeps:
 
 @dataclass
 class SessionWorld:
-    """A simulated rig's touch in a world: phantoms by code, and the draws of its session.
+    """A simulated rig's touch in a world: phantoms by code, and the draws of its session."""
 
-    Attributes:
-        rig: What is touched, and with what.
-        draws: Of the session.
-        ends_m: Lower and upper end of what a sweep may reach.
-    """
-
-    rig: Rig
-    draws: SessionDraws
-    ends_m: tuple[float, float]
+    rig: Rig  # what is touched, and with what
+    draws: SessionDraws  # of the session
+    ends_m: tuple[float, float]  # lower and upper end of what a sweep may reach
     _touches: dict[str, Touch] = field(default_factory=dict)
 
     def row(self, code: str, mounting: int, height_m: float, path_m: float) -> Float64Array:

@@ -19,11 +19,7 @@ LOWEST = np.where(np.array(LATENTS) == "beside_m2", 0.0, -REACH)
 
 
 def latents(count: int = 1, **given: ArrayLike) -> Float64Array:
-    """Return rows of latents, shape (count, 7): nominal but for those given.
-
-    Raises:
-        OutOfRange: There is no such latent, or a square is negative.
-    """
+    """Return rows of latents, shape (count, 7): nominal but for those given."""
     rows = np.zeros((count, len(LATENTS)))
     for name, values in given.items():
         if name not in LATENTS:

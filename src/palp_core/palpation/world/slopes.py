@@ -34,30 +34,17 @@ def bin_edges_m(from_m: float, to_m: float, width_m: float = 0.002) -> Float64Ar
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """From torques at the nodes of a sweep to means over bins of the stage position.
+    """From torques at the nodes of a sweep to means over bins of the stage position."""
 
-    Attributes:
-        edges_m: Rising edges, shape (K + 1,).
-        node_m: Stage positions in the sweep's order, shape (p,).
-        fine_m: Where the torque is read between them, rising, shape (f,).
-        spline: From nodes to fine positions, shape (f, p).
-        mean: From fine positions to bins, shape (K, f).
-    """
-
-    edges_m: Float64Array
-    node_m: Float64Array
-    fine_m: Float64Array
-    spline: Float64Array
-    mean: Float64Array
+    edges_m: Float64Array  # rising edges, shape (K + 1,)
+    node_m: Float64Array  # stage positions in the sweep's order, shape (p,)
+    fine_m: Float64Array  # where the torque is read between them, rising, shape (f,)
+    spline: Float64Array  # from nodes to fine positions, shape (f, p)
+    mean: Float64Array  # from fine positions to bins, shape (K, f)
 
 
 def bins_of(edges_m: Float64Array, *, forward: bool = True) -> Bins:
-    """Return the bins of a path that begins at the first edge, or at the last if it is swept back.
-
-    Args:
-        edges_m: Rising edges of equal bins, shape (K + 1,).
-        forward: Whether the stage goes towards +Y.
-    """
+    """Return the bins of a path that begins at the first edge, or at the last if it is swept back."""
     low, high = edges_m[0], edges_m[-1]
     rising = np.linspace(low, high, max(round((high - low) / NODE_M), 8) + 1)
     parts = max(round((edges_m[1] - edges_m[0]) / FINE_M), 1)
@@ -85,25 +72,18 @@ def binned(bins: Bins, found: Dragged, *, run_in: bool = True) -> Float64Array:
 
 @dataclass(frozen=True, eq=False)
 class TraceSlopes:
-    """Nominal binned traces and their slopes: m depths, k rings, K bins, l latents.
+    """Nominal binned traces and their slopes: m depths, k rings, K bins, l latents."""
 
-    Attributes:
-        mean_n_m: Nominal traces, shape (m, k, K).
-        slope: Change per unit of each latent of :data:`.LATENTS`, shape (m, k, K, l).
-        bend: Half the change of the slope per unit of each latent, shape (m, k, K, l): a parabola through
-            the nominal trace and those a step to either side; 0 for the square beside the path.
-        place_m: Mean place of the ball in each bin of the nominal sweep, shape (m, k, K): where it sticks it
-            stays, and past a bead it goes faster than the stage.
-        normal_n: Largest normal force in each bin of the nominal sweep, shape (m, k, K).
-        normal_slope: Its change per unit of each latent, shape (m, k, K, l).
-    """
-
-    mean_n_m: Float64Array
-    slope: Float64Array
+    mean_n_m: Float64Array  # nominal traces, shape (m, k, K)
+    slope: Float64Array  # change per unit of each latent of .LATENTS, shape (m, k, K, l)
+    # half the change of the slope per unit of each latent, shape (m, k, K, l): a parabola through the nominal
+    # trace and those a step to either side; 0 for the square beside the path
     bend: Float64Array
+    # mean place of the ball in each bin of the nominal sweep, shape (m, k, K): where it sticks it stays, and
+    # past a bead it goes faster than the stage
     place_m: Float64Array
-    normal_n: Float64Array
-    normal_slope: Float64Array
+    normal_n: Float64Array  # largest normal force in each bin of the nominal sweep, shape (m, k, K)
+    normal_slope: Float64Array  # its change per unit of each latent, shape (m, k, K, l)
 
 
 def trace_slopes(
@@ -121,21 +101,6 @@ def trace_slopes(
 
     Slopes are differences over a twentieth of each latent's reach to either side; to the square beside the
     path from the scene's own on.
-
-    Args:
-        scene: Gel, probe and path.
-        depths_m: Depth of each class, shape (m,).
-        rings_m: Positions of the ring, shape (k,).
-        edges_m: Rising edges of bins, shape (K + 1,); None: 2 mm from end to end of the path.
-        forward: Whether the stage goes towards +Y.
-        run_in: Whether a sweep begins upright, with a tip that sticks.
-        rung: Contact rung, one or one for each depth; empty: the register's choice for each depth.
-        steps: Of each latent, shape (l,), as large as it is likely to be, for slope and bend there;
-            None: a twentieth of its reach.
-
-    Raises:
-        MethodError: No contact rung is good enough for a depth.
-        MechanicsError: A sweep has no solution.
     """
     if edges_m is None:
         edges_m = bin_edges_m(scene.path.from_m, scene.path.to_m)

@@ -31,15 +31,10 @@ _TIMES = 200
 
 @dataclass(frozen=True, eq=False)
 class StickSlip:
-    """Cycles along sweeps; arrays have the shape (n, p), the torque (n, p, phases).
+    """Cycles along sweeps; arrays have the shape (n, p), the torque (n, p, phases)."""
 
-    Attributes:
-        hertz: Cycles a second; 0 where the tip slides smoothly.
-        torque_n_m: What a cycle adds, from the moment at which it breaks loose, evenly in time.
-    """
-
-    hertz: Float64Array
-    torque_n_m: Float64Array
+    hertz: Float64Array  # cycles a second; 0 where the tip slides smoothly
+    torque_n_m: Float64Array  # what a cycle adds, from the moment at which it breaks loose, evenly in time
 
     @property
     def swing_n_m(self) -> Float64Array:
@@ -49,14 +44,7 @@ class StickSlip:
     def added(
         self, node_m: Float64Array, stage_m: Float64Array, speed_m_s: float, phase: Float64Array
     ) -> Float64Array:
-        """Return the torque that it adds along sweeps, N m, shape (n, f).
-
-        Args:
-            node_m: Positions at which it is known, in the order of the sweep, shape (p,).
-            stage_m: Positions wanted, fine against a cycle, in any order, shape (f,).
-            speed_m_s: Of the stage.
-            phase: Share of a cycle at the first node, shape (n,).
-        """
+        """Return the torque that it adds along sweeps, N m, shape (n, f)."""
         way_m = np.abs(node_m - node_m[0])
         hertz = self.hertz[:, 1:] * (self.hertz[:, :-1] > 0.0)  # a cycle begins when the tip has broken loose
         cycles = np.cumsum(np.pad(hertz, ((0, 0), (1, 0))) * np.diff(way_m, prepend=0.0) / speed_m_s, axis=1)
@@ -71,19 +59,12 @@ class StickSlip:
         return np.asarray(here + part * (there - here))
 
 
-def stick_slip(
-    joints: Joints, found: Dragged, excess: float, speed_m_s: float, dynamics: Dynamics | None = None
-) -> StickSlip:
-    """Return the cycles along sweeps.
+def stick_slip(joints: Joints, found: Dragged, excess: float, speed_m_s: float) -> StickSlip:
+    """Return the cycles along sweeps; none where they stick anyway.
 
-    Args:
-        joints: Of the sweeps.
-        found: The sweeps; where they stick anyway there is no cycle.
-        excess: Static friction over sliding friction, minus 1.
-        speed_m_s: Of the stage.
-        dynamics: Inertia and damping of the joint; None: the usual ones.
+    ``excess`` is static friction over sliding friction, minus 1.
     """
-    setting = dynamics or Dynamics()
+    setting = Dynamics()
     forward_m = (joints.direction * found.stage_m)[None, :]
     angle = joints.direction * found.angle_rad
     count, places = angle.shape

@@ -24,10 +24,6 @@ def texture_map(world: WorldModel, tip_m: Float64Array) -> Float64Array:
     """Return the linear map from random numbers to a texture of unit variance, shape (p, places).
 
     White noise through a Gaussian of l / sqrt(2) has the correlation exp(-x^2 / 2 l^2).
-
-    Args:
-        world: Its correlation length; without a texture the map is 0.
-        tip_m: Places of the ball, shape (p,).
     """
     if world.texture_sd_n_m == 0.0:
         return np.zeros((len(tip_m), len(GRID_M)))
@@ -36,14 +32,7 @@ def texture_map(world: WorldModel, tip_m: Float64Array) -> Float64Array:
 
 
 def texture(world: WorldModel, luck: Float64Array, to_bins: Float64Array, *, forward: bool) -> Float64Array:
-    """Return the torque that the surface adds, N m, shape (n, K).
-
-    Args:
-        world: Spread, and the share of its variance that changes sign with the direction.
-        luck: Of the tracks, shape (n, 2, places).
-        to_bins: From random numbers to bins or places, shape (K, places): of :func:`texture_map`.
-        forward: Whether the stage goes towards +Y.
-    """
+    """Return the torque that the surface adds, N m, shape (n, K)."""
     shape = math.sqrt(1.0 - world.texture_reversing_share)
     rubbing = math.copysign(math.sqrt(world.texture_reversing_share), 1.0 if forward else -1.0)
     return np.asarray(world.texture_sd_n_m * ((shape * luck[:, 0] + rubbing * luck[:, 1]) @ to_bins.T))
@@ -57,14 +46,7 @@ def white_sd_n_m(noise_sd_n_m: float, resolution_n_m: float, samples: int) -> fl
 def bias(
     world: WorldModel, luck: Float64Array, bin_s: float, since_tare_s: float | Float64Array = 0.0
 ) -> Float64Array:
-    """Return the sensor's zero in each bin in the order of time, N m, shape (n, K).
-
-    Args:
-        world: What a tare leaves, and the walk from then on.
-        luck: Standard normals, shape (n, K + 2).
-        bin_s: Seconds that the stage takes for a bin.
-        since_tare_s: Seconds from the tare to the first bin, one or of each sweep.
-    """
+    """Return the sensor's zero in each bin in the order of time, N m, shape (n, K)."""
     before = np.sqrt(np.broadcast_to(since_tare_s, luck.shape[:1]))
     start = world.tare_sd_n_m * luck[:, 0] + world.bias_walk_n_m_per_sqrt_s * before * luck[:, 1]
     walk = world.bias_walk_n_m_per_sqrt_s * math.sqrt(bin_s) * np.cumsum(luck[:, 2:], axis=1)

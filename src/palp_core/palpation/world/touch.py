@@ -25,27 +25,16 @@ class Touch:
     Forces are linear in the modulus (every rung is tested for it). A bead beside the path is felt at the
     distance hypot(s, y), as the contact is alike all round; across the path the joint is rigid. Over the
     ball's radius forces are interpolated between three balls.
-
-    Attributes:
-        probe: Dimensions of the probe, with the nominal ball.
-        models: Of the nominal ball; or of three, by rising radius.
-        step_m: From ball to ball.
     """
 
-    probe: Probe
-    models: tuple[ContactModel, ...]
-    step_m: float
+    probe: Probe  # dimensions of the probe, with the nominal ball
+    models: tuple[ContactModel, ...]  # of the nominal ball; or of three, by rising radius
+    step_m: float  # from ball to ball
 
     def force(
         self, offset_m: Float64Array, indentation_m: Float64Array, rows: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Return normal force and elastic drag dU/ds, in N, shape (n, p).
-
-        Args:
-            offset_m: Place of the ball along the path, 0 over the bead's nominal place, shape (n, p).
-            indentation_m: Depth under the surface, shape (n, p).
-            rows: Latents, shape (n, 7).
-        """
+        """Return normal force and elastic drag dU/ds, in N, shape (n, p)."""
         away_m, along = distance(offset_m - rows[:, ALONG, None], rows[:, BESIDE, None])
         normal_n, lateral_n = np.zeros_like(away_m), np.zeros_like(away_m)
         for model, weight in zip(self.models, self.weights(rows[:, TIP]), strict=True):
@@ -64,18 +53,7 @@ class Touch:
 
 
 def touch(phantom: Phantom, probe: Probe, rung: str, *, tips: bool = True) -> Touch:
-    """Return the contact with a phantom.
-
-    Args:
-        phantom: The nominal one; how far its bead is beside the path is a latent of each sweep.
-        probe: With the nominal ball.
-        rung: Name of the contact rung.
-        tips: Whether balls of other radii are wanted.
-
-    Raises:
-        MethodError: There is no such rung.
-        MechanicsError: It cannot be set up for this phantom and one of the balls.
-    """
+    """Return the contact with a phantom."""
     step_m = float(REACH[TIP])
     radii = probe.tip_radius_m + (np.array([-step_m, 0.0, step_m]) if tips else np.zeros(1))
     under = phantom if phantom.bead is None else replace(phantom, bead=replace(phantom.bead, beside_m=0.0))
@@ -94,15 +72,10 @@ def probe_of(probe: Probe, row: Float64Array) -> Probe:
 
 @dataclass(frozen=True, eq=False)
 class Single:
-    """The contact of one sweep, as the solvers of a single joint take it: a contact model.
+    """The contact of one sweep, as the solvers of a single joint take it: a contact model."""
 
-    Attributes:
-        touch: Contact with the phantom.
-        row: Latents of the sweep, shape (7,).
-    """
-
-    touch: Touch
-    row: Float64Array
+    touch: Touch  # contact with the phantom
+    row: Float64Array  # latents of the sweep, shape (7,)
 
     @property
     def rung(self) -> str:

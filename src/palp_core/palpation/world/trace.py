@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from palp_core.errors import OutOfRange
-from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.world.drag import Dragged, drag, joints_of
 from palp_core.palpation.world.model import WorldModel
@@ -23,17 +22,11 @@ _NODE_M = 0.0005
 
 @dataclass(frozen=True, eq=False)
 class WorldTrace:
-    """Torque, forces and angle of one sweep at any position of it; beyond its ends they stay as they are.
+    """Torque, forces and angle of one sweep at any position of it; beyond its ends they stay as they are."""
 
-    Attributes:
-        solved: The sweep at its nodes, with what it met in ``guards``; without texture and stick-slip.
-        run_in_m: Way of the stage until the tip slid; 0 without a run-in.
-        hertz: Largest frequency of its stick-slip; 0 without.
-    """
-
-    solved: Sweep
-    run_in_m: float
-    hertz: float
+    solved: Sweep  # the sweep at its nodes, with what it met in guards; without texture and stick-slip
+    run_in_m: float  # way of the stage until the tip slid; 0 without a run-in
+    hertz: float  # largest frequency of its stick-slip; 0 without
     _world: WorldModel
     _luck: Float64Array
     _phase: float
@@ -96,36 +89,17 @@ def trace(
     to_m: float,
     *,
     speed_m_s: float = 0.02,
-    start_rad: float = 0.0,
-    phase: float = 0.0,
 ) -> WorldTrace:
-    """Return the true torque of one sweep.
-
-    Args:
-        touch: Contact with the phantom.
-        world: What is on.
-        row: Latents of the sweep, shape (7,).
-        luck: Track of the mounting, one of :func:`.track`, shape (2, places).
-        ring_m: Position of the ring; true, or nominal with its error among the latents.
-        indentation_m: Nominal indentation.
-        from_m: Where the probe was lowered, or where a sweep back in touch turns.
-        to_m: Where it ends.
-        speed_m_s: Of the stage.
-        start_rad: Angle of the joint at the start; 0: lowered upright.
-        phase: Share of a cycle of stick-slip at the start.
-
-    Raises:
-        MechanicsError: There is no equilibrium with a lagging tip, or an input is out of range.
-    """
+    """Return the true torque of one sweep, of latents (7,) over a track (2, places); see :meth:`.again`."""
     count = math.ceil(abs(to_m - from_m) / _NODE_M - 1e-9) + 1
     if count < 5:
         raise OutOfRange("to_m", f"a sweep of {abs(to_m - from_m):g} m is too short; sweep 2 mm or more")
     stage_m = np.linspace(from_m, to_m, count)
     rows, rings_m = row[None], np.array([ring_m])
     run_in = world.run_in > 0.0
-    found = drag(touch, rows, rings_m, indentation_m, stage_m, run_in=run_in, start_rad=np.array([start_rad]))
+    found = drag(touch, rows, rings_m, indentation_m, stage_m, run_in=run_in)
     joints = joints_of(touch, rows, rings_m, indentation_m, 1.0 if to_m > from_m else -1.0)
-    cycles = stick_slip(joints, found, world.static_friction_excess, speed_m_s, Dynamics())
+    cycles = stick_slip(joints, found, world.static_friction_excess, speed_m_s)
     said = swamped(found, cycles)
     return WorldTrace(
         solved=_solved(found, (said,) if said else ()),
@@ -133,7 +107,7 @@ def trace(
         hertz=float(cycles.hertz.max()),
         _world=world,
         _luck=luck,
-        _phase=phase,
+        _phase=0.0,
         _speed_m_s=speed_m_s,
         _cycles=cycles,
         _sliding=_curves(found, found.sliding_n_m),

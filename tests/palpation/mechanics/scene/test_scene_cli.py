@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.rig import scene, study
 from palp_core.errors import MechanicsError, MethodError, PalpError
-from palp_core.palpation.studies.toolkit.pareto import pareto_front
+from palp_core.palpation.studies.summary import pareto_front
 
 TEXT = """
 phantom: {bead: {depth_m: 0.004}}

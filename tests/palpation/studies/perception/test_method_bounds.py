@@ -14,7 +14,7 @@ from palp_core.methods import Quantities, find, names
 from palp_core.methods.measured import measures_of
 from palp_core.palpation.mechanics import Scene, run_scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.belief.stopping import FixedNumber, stop_rule
+from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.strategy.policies import (
     FixedRing,
     MarkovPolicy,
@@ -23,12 +23,20 @@ from palp_core.palpation.perception.strategy.policies import (
 )
 from palp_core.palpation.session.method_choices import of_traces
 from palp_core.palpation.session.trace_settings import TraceSettings
-from palp_core.palpation.studies.perception import beliefs, signals, traces
-from palp_core.palpation.studies.perception.beliefs import REMOUNTED, decide, miscalibrated, sessions
-from palp_core.palpation.studies.perception.traces import RIG, TraceCase
-from palp_core.palpation.studies.perception.trials import Trials, trials_by_policy
-from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.gel import RATE_HZ, SPEED_M_PER_S, Gel
+from palp_core.palpation.studies.measures import perception as measured
+from palp_core.palpation.studies.measures import traces
+from palp_core.palpation.studies.measures.perception import (
+    LAST,
+    REMOUNTED,
+    RULES,
+    Trials,
+    decide,
+    miscalibrated,
+    sessions,
+    trials_by_policy,
+)
+from palp_core.palpation.studies.measures.traces import RIG, TraceCase
+from palp_core.palpation.studies.plan import RATE_HZ, SPEED_M_PER_S, Conditions, Gel
 from palp_core.palpation.world.model import LAB, PAPER
 
 RINGS_M = (0.004, 0.016)
@@ -109,9 +117,9 @@ def test_rules_for_wavelet_coefficients_keep_their_bounds(
     touch: dict[str, Any], noise: float, sweeps: int
 ) -> None:
     gel = Gel(rings_m=RINGS_M, noise_factor=noise, **touch)
-    clean = signals.clean_sweeps(RINGS_M, gel)
+    clean = measured.clean_sweeps(RINGS_M, gel)
     errors = {
-        rule: {"feature": signals.feature_error(rule, clean, noise, sweeps)} for rule in names("denoise")
+        rule: {"feature": measured.feature_error(rule, clean, noise, sweeps)} for rule in names("denoise")
     }
     assert broken("denoise", quantities(gel), errors) == []
 
@@ -120,7 +128,7 @@ def test_rules_for_wavelet_coefficients_keep_their_bounds(
 def test_features_keep_their_bounds(touch: dict[str, Any], noise: float, height_m: float) -> None:
     gel = Gel(rings_m=RINGS_M, noise_factor=noise, height_reach_m=0.9e-3, **touch)
     rig = replace(REMOUNTED, height_sd_m=height_m)
-    errors = {name: {"decision": beliefs.one_reading(name, gel, rig, 100)} for name in names("feature")}
+    errors = {name: {"decision": measured.one_reading(name, gel, rig, 100)} for name in names("feature")}
     assert broken("feature", quantities(gel, rig), errors) == []
 
 
@@ -138,7 +146,7 @@ def test_likelihoods_keep_their_bounds(
     errors = {
         name: {
             "calibration": max(
-                beliefs.overtrust(name, training, gap_sd, outliers, trials, probes=probes)
+                measured.overtrust(name, training, gap_sd, outliers, trials, probes=probes)
                 for gap_sd in gaps_sd
                 for probes in (1, 15)
             )
@@ -166,7 +174,7 @@ def test_filters_keep_their_bounds(spread_m: tuple[float, float], training: int)
             "calibration": max(
                 miscalibrated([decide(one, name, policy, rule) for one in begun])
                 for policy in (FixedRing(), UniformRings(), MarkovPolicy())
-                for rule in beliefs.RULES
+                for rule in RULES
             )
         }
         for name in names("filter")
@@ -185,7 +193,7 @@ def test_stop_rules_keep_their_bounds(spread_m: tuple[float, float]) -> None:
     errors = {name: {"decision": 0.0, "calibration": 0.0} for name in names("stop")}
     policies: tuple[StiffnessPolicy, ...] = (FixedRing(), UniformRings())
     for policy, known in itertools.product(policies, ("naive", "latent")):
-        last = Trials.of([decide(one, known, policy, FixedNumber(15)) for one in begun])
+        last = Trials.of([decide(one, known, policy, LAST) for one in begun])
         for name, worst in errors.items():
             ended = Trials.of([decide(one, known, policy, stop_rule(name)) for one in begun])
             worst["decision"] = max(worst["decision"], ended.wrong - last.wrong)
@@ -267,7 +275,7 @@ def traced() -> list[TraceCase]:
 
 @pytest.mark.parametrize("case", at_night(traced()))
 def test_filters_of_traces_keep_their_bounds(case: TraceCase) -> None:
-    errors = traces.errors(traces.by_filter(case, traces.sessions(case, 6)))
+    errors = traces.errors(traces.by_filter(case, case.sessions(6)))
     settings = structs.replace(TraceSettings(), **case.assumed)
     grid = {"class_count": float(settings.depths)} if settings.depths else {}
     told = of_traces(settings)
@@ -298,7 +306,7 @@ def test_every_method_states_an_error_in_the_published_session(task: str) -> Non
 
 def test_sweeps_have_the_truth_of_their_own() -> None:
     gel = Gel()
-    clean = signals.clean_sweeps((0.016,), gel)
+    clean = measured.clean_sweeps((0.016,), gel)
     scenes = [Scene(ring_m=(0.016,)).with_bead(depth_m) for depth_m in gel.depths_m]
     peaks = [run_scene(scene, "l2").peak_n_m[0] for scene in scenes]
     assert [one.truth_n_m["peak"] for one in clean] == pytest.approx(peaks, rel=1e-3)

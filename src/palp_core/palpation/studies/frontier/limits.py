@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from palp_core.palpation.perception.trace.model import SweepOf, TraceModel
-from palp_core.palpation.studies.frontier.protocols import Protocol
+from palp_core.palpation.studies.plan import Protocol
 from palp_core.units import Float64Array
 
 

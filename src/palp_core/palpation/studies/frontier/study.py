@@ -3,87 +3,131 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palp_core.palpation.mechanics.scene.choice import choose_rung
+from palp_core.palpation.perception.belief.stopping import FixedNumber, PosteriorThreshold
+from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
-from palp_core.palpation.reporting.html_page import picture, write_page
-from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
-from palp_core.palpation.studies.frontier.depth_error import depth_errors
-from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart
+from palp_core.palpation.studies.frontier.charts import frontier_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
-from palp_core.palpation.studies.frontier.protocols import SWIFT, sessions_by_protocol
-from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_plan, run_schemes
-from palp_core.palpation.studies.frontier.tables import Runs, compare_schemes, depth_rows, scheme_rows
-from palp_core.palpation.studies.frontier.trace_trials import (
-    BIN_M,
-    KeepRing,
-    model_of,
-    run_trace_trials,
-    settings_of,
-)
-from palp_core.palpation.studies.simulation.gel import Gel
-from palp_core.palpation.studies.simulation.policy_summary import summarise
-from palp_core.palpation.studies.simulation.session import WorldPlan, worlds
-from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import Runner
+from palp_core.palpation.studies.parallel import Runner, Seed
+from palp_core.palpation.studies.plan import SWIFT, Gel
+from palp_core.palpation.studies.schemes import TRACE, Case, Scheme, SessionRuns, lab_scheme
+from palp_core.palpation.studies.schemes import run as run_cases
+from palp_core.palpation.studies.session import WorldPlan, begin, worlds
+from palp_core.palpation.studies.summary import ends, paired, pareto_front, publish, some, summarise
+from palp_core.palpation.studies.trace_trials import BIN_M, model_of, settings_of
 from palp_core.units import Float64Array
-from palp_core.whole_file import write_json
 
-README = Scheme("peak", "information_gain", "threshold")
-"""The best that the published feature gives: information gain told what stays, and a threshold."""
-SWIFTEST = Scheme("trace", "information_gain", "threshold", "swift")
-THRESHOLDS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 SEEDS = 24
 """First number of the seeds of its sessions."""
-GEL_RUNGS = ("l2", "l4")
-"""Contact models that simulate the gel of both training and trials, whichever the filters choose."""
-GEL_SCHEMES = (
-    Scheme("peak", "fixed_best", "threshold"),
-    Scheme("contrast", "fixed_best", "threshold"),
-    Scheme("trace", "fixed_best", "threshold"),
-    Scheme("trace", "fixed_best", "threshold", "swift"),
-)
 _FIXED = "fixed_best"
+_POLICIES = (_FIXED, "uniform", "markov", "information_gain")
+SCHEMES = tuple(
+    lab_scheme(*words)
+    for words in (
+        *(
+            (read, p, rule)
+            for read in ("peak", "contrast")
+            for rule in ("paper", "threshold")
+            for p in _POLICIES
+        ),
+        *(("contrast", p, "threshold", "swift") for p in (_FIXED, "information_gain")),
+        *((TRACE, p, rule) for rule in ("paper", "threshold") for p in _POLICIES),
+        *((TRACE, p, "threshold", "swift") for p in _POLICIES),
+    )
+)
+THRESHOLDS = {
+    f"threshold {level:g}": replace(
+        lab_scheme(TRACE, "stiffest", "threshold", "swift"),
+        name=f"threshold {level:g}",
+        stop=PosteriorThreshold(level),
+    )
+    for level in (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
+}
+"""Decided in the sweep at the stiffest ring, the belief looked at every 2 mm."""
+GEL_SCHEMES = tuple(
+    lab_scheme(*words)
+    for words in (
+        ("peak", _FIXED, "threshold"),
+        ("contrast", _FIXED, "threshold"),
+        (TRACE, _FIXED, "threshold"),
+        (TRACE, _FIXED, "threshold", "swift"),
+    )
+)
+GRID_M = tuple(np.round(np.linspace(0.002, 0.008, 31), 9).tolist())
+"""Depths to decide among, of nodules at every third of them."""
+SWEEPS = (1, 4)
+"""How often each nodule is felt."""
+_DEPTH_TRIALS = 12  # a depth
+_DEPTH_SCHEMES = tuple(
+    scheme
+    for scheme in SCHEMES
+    if scheme.reading != TRACE or (scheme.filter == "latent" and scheme.policy != "information_gain")
+)
+"""A trace has one filter; what a sweep would tell about 31 depths takes it a second, and is left out."""
 
 
-@dataclass(frozen=True, eq=False)
-class FrontierSession:
-    """What came of a session.
-
-    Attributes:
-        runs: By scheme.
-        looked: Outcomes in the sweep by threshold.
-        limits: Seconds, Fano's bound, Wald's bound, by bin of the first sweep.
-    """
-
-    runs: dict[str, SchemeRun]
-    looked: dict[float, Outcomes]
-    limits: Float64Array
+def depth_case(name: str, plan: WorldPlan, schemes: Sequence[Scheme] = _DEPTH_SCHEMES) -> Case:
+    """Return the case in which schemes tell depths in millimetres; of a rule its filter alone counts."""
+    conditions = replace(plan.conditions, trials=_DEPTH_TRIALS)
+    some_depths = replace(plan, conditions=conditions, test_depths_m=GRID_M[::3])
+    asked = [
+        replace(scheme, name=f"{scheme.name}; {sweeps}", stop=FixedNumber(sweeps), grid_m=GRID_M)
+        for scheme in schemes
+        for sweeps in SWEEPS
+    ]
+    return Case(name, some_depths, tuple(asked))
 
 
-def frontier_session(plan: WorldPlan, seed: tuple[int, ...]) -> FrontierSession:
-    """Return what every scheme did in a session."""
-    swept = sessions_by_protocol(plan, seed)
-    runs = run_schemes(swept, SCHEMES)
-    session = swept(SWIFT)
-    model = model_of(session, settings_of(session))
-    stiffest = len(session.rings_m) - 1
-    looked = {
-        value: run_trace_trials(session, model, SWIFT, selector=KeepRing(stiffest), threshold=value).ended
-        for value in THRESHOLDS
-    }
-    return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M))
+def depth_rows(world: str, sessions: SessionRuns) -> list[dict[str, Any]]:
+    """Return a line per scheme and number of sweeps: the root mean squared error of the mean depth, m."""
+    rows = []
+    for name in sessions[0]:
+        scheme, _, sweeps = name.partition("; ")
+        runs = [one[name].ended for one in sessions]
+        true_m = np.repeat(GRID_M[::3], len(runs[0].depth) // len(GRID_M[::3]))
+        squares = cluster_bootstrap(
+            [float(np.mean((one.expected_m[:, -1] - true_m) ** 2)) for one in runs],
+            np.random.default_rng(25),
+            within=(0.0, np.inf),
+        )
+        low, high = np.sqrt(np.maximum(ends(squares), 0.0)).tolist()
+        seconds = float(np.mean([float(one.seconds.mean()) for one in runs]))
+        rmse_m = float(np.sqrt(squares.value))
+        row = {"sweeps": int(sweeps), "seconds": seconds, "rmse_m": rmse_m, "ci": [low, high]}
+        rows.append({"world": world, **_words(scheme), **row})
+    return rows
 
 
-def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
+def scheme_rows(world: str, sessions: SessionRuns) -> list[dict[str, Any]]:
+    """Return a line per scheme, with what is on the front of accuracy against seconds."""
+    rows = []
+    for name in (scheme.name for scheme in SCHEMES if scheme.name in sessions[0]):
+        line = summarise([one[name].ended for one in sessions], DEPTHS_M)
+        kept = some(line, "accuracy", "ci", "probes", "seconds", "ece", "ece_ci", "undecided")
+        cpu_ms = 1e3 * float(np.mean([one[name].cpu_s for one in sessions]))
+        more = {"cpu_ms": cpu_ms, "per_session": line["per_session"]}
+        rows.append({"world": world, **_words(name), **kept, **more})
+    front = pareto_front([row["seconds"] for row in rows], [-row["accuracy"] for row in rows])
+    for number, row in enumerate(rows):
+        row["front"] = number in front
+    return rows
+
+
+def _words(name: str) -> dict[str, str]:
+    words = [*name.split(", "), "paper"]
+    return dict(zip(("reading", "policy", "rule", "protocol"), words, strict=False)) | {"scheme": name}
+
+
+def gel_rows(found: Mapping[str, SessionRuns]) -> list[dict[str, Any]]:
     """Return a line per contact model of the gel and scheme, with those of the filter."""
     rows = []
     for rung, sessions in found.items():
@@ -94,21 +138,38 @@ def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
     return rows
 
 
-def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
-    """Return what looking often costs: a line per threshold, decided in the sweep at the stiffest ring."""
+def threshold_rows(world: str, sessions: SessionRuns) -> list[dict[str, Any]]:
+    """Return the cost of looking often: a line per threshold."""
     rows = []
-    for value in THRESHOLDS:
-        line = summarise([one.looked[value] for one in sessions], DEPTHS_M)
-        kept = {key: line[key] for key in ("accuracy", "ci", "seconds", "probes", "ece", "overconfidence")}
-        rows.append({"world": world, "threshold": value, **kept})
+    for name in THRESHOLDS:
+        line = summarise([one[name].ended for one in sessions], DEPTHS_M)
+        kept = some(line, "accuracy", "ci", "seconds", "probes", "ece", "overconfidence")
+        rows.append({"world": world, "threshold": float(name.split()[1]), **kept})
     return rows
 
 
-def comparisons(sessions: Runs) -> list[dict[str, Any]]:
-    """Return what the page is asked: swift against the best of the peak; is varying the stiffness of use."""
-    asked = [(SWIFTEST, README), (SWIFTEST, replace(SWIFTEST, policy=_FIXED))]
-    asked += [(one, replace(one, policy=_FIXED)) for one in SCHEMES if one.policy != _FIXED]
+def compare_schemes(sessions: SessionRuns, first: str, second: str) -> dict[str, Any]:
+    """Return the paired difference of two schemes' accuracies and the ratio of their seconds."""
+    pair = [[one[name].ended for one in sessions] for name in (first, second)]
+    return {"first": first, "second": second, **paired(*pair)}
+
+
+def comparisons(sessions: SessionRuns) -> list[dict[str, Any]]:
+    """Return swift against the best of the peak, and every policy against the best fixed ring."""
+    swift = "trace, information_gain, threshold, swift"
+    asked = [(swift, "peak, information_gain, threshold"), (swift, swift.replace("information_gain", _FIXED))]
+    for scheme in SCHEMES:
+        words = _words(scheme.name)
+        if words["policy"] != _FIXED:
+            asked.append((scheme.name, scheme.name.replace(words["policy"], _FIXED)))
     return [compare_schemes(sessions, first, second) for first, second in dict.fromkeys(asked)]
+
+
+def session_limits(plan: WorldPlan, seed: Seed) -> Float64Array:
+    """Return seconds, Fano's bound and Wald's, by bin of a swift first sweep at the stiffest ring."""
+    conditions = replace(plan.conditions, rehome=SWIFT.rehome)
+    session = begin(replace(plan, path_m=SWIFT.path_m, conditions=conditions), seed)
+    return most_accurate(model_of(session, settings_of(session)), len(session.rings_m) - 1, SWIFT, BIN_M)
 
 
 def run(
@@ -121,39 +182,24 @@ def run(
     mounting: str = GROUPED,
     specimens: Specimens = "same",
 ) -> Path:
-    """Run every scheme in both worlds, write tables and charts, and return the page.
-
-    Args:
-        out: Folder for the files; made if missing.
-        quick: Few sessions.
-        workers: Local processes.
-        dask: Address of a Dask scheduler instead.
-        seed: Of the sessions.
-        mounting: As of a launch file; see :func:`.worlds`.
-        specimens: Likewise.
-    """
+    """Run every scheme in both worlds, write tables and charts, and return the page."""
     count = 2 if quick else 40
-    plans = worlds(mounting, specimens)
-    runner, cases = Runner(seed, workers, dask), list(plans.values())
-    found = runner.run(frontier_session, cases, count, stream=SEEDS, label="sessions")
-    by_world = dict(zip(plans, found, strict=True))
-    rows = [
-        row
-        for world, sessions in by_world.items()
-        for row in scheme_rows(world, [one.runs for one in sessions])
-    ]
     few = max(1, count // 4)
-    off = runner.run(depth_errors, cases, few, stream=SEEDS, label="sessions, 31 depths")
-    depths = [row for world, own in zip(plans, off, strict=True) for row in depth_rows(world, own)]
-    of_gels = [replace(plans["lab"], gel=Gel(rung=rung, reading="trace")) for rung in GEL_RUNGS]
-    of_gel = partial(run_plan, schemes=GEL_SCHEMES)
-    done = runner.run(of_gel, of_gels, few, stream=SEEDS, label="sessions, gels")
-    gels = gel_rows(dict(zip(GEL_RUNGS, done, strict=True)))
-    looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
-    limits = {
-        world: np.mean([one.limits for one in sessions], axis=0).tolist()
-        for world, sessions in by_world.items()
-    }
+    plans, runner = worlds(mounting, specimens), Runner(seed, workers, dask)
+    cases = [Case(world, plan, (*SCHEMES, *THRESHOLDS.values())) for world, plan in plans.items()]
+    found = run_cases(cases, count, runner, stream=SEEDS, label="sessions")
+    bounds = runner.run(session_limits, list(plans.values()), count, stream=SEEDS, label="sessions, limits")
+    by_depth = [depth_case(world, plan) for world, plan in plans.items()]
+    off = run_cases(by_depth, few, runner, stream=SEEDS, label="sessions, 31 depths")
+    of_gels = [
+        Case(rung, replace(plans["lab"], gel=Gel(rung=rung, reading=TRACE)), GEL_SCHEMES)
+        for rung in ("l2", "l4")
+    ]
+    gels = gel_rows(run_cases(of_gels, few, runner, stream=SEEDS, label="sessions, gels"))
+    rows = [row for world, sessions in found.items() for row in scheme_rows(world, sessions)]
+    looked = [row for world, sessions in found.items() for row in threshold_rows(world, sessions)]
+    depths = [row for world, sessions in off.items() for row in depth_rows(world, sessions)]
+    limits = {world: np.mean(own, axis=0).tolist() for world, own in zip(plans, bounds, strict=True)}
     report: dict[str, Any] = {
         "quick": quick,
         "sessions": count,
@@ -162,26 +208,11 @@ def run(
         "rows": rows,
         "thresholds": looked,
         "limits": limits,
-        "comparisons": {
-            world: comparisons([one.runs for one in sessions]) for world, sessions in by_world.items()
-        },
+        "comparisons": {world: comparisons(sessions) for world, sessions in found.items()},
         "depth_sessions": few,
         "depths": depths,
         "gels": gels,
     }
-    out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "frontier.json", report)
-    write_records(out / "frontier.csv", [_flat(row) for row in rows])
-    write_records(out / "depths.csv", depths)
-    write_records(out / "gels.csv", [_flat(row) for row in gels])
     charts = [frontier_chart(rows, depths, limits), threshold_chart(looked)]
-    return write_page(
-        out / "index.html",
-        "studies/frontier.html",
-        **report,
-        pictures=[picture(chart, out) for chart in charts],
-    )
-
-
-def _flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in row.items() if key != "per_session"}
+    tables = {"frontier": rows, "depths": depths, "gels": gels}
+    return publish(out, "frontier", charts, report=report, tables=tables, **report)

@@ -42,21 +42,13 @@ _VARIED = (271, 300)
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of the paper under an assumption about its counts.
+    """A statement of the paper under an assumption about its counts."""
 
-    Attributes:
-        text: What the paper says.
-        assumption: Counts assumed; empty where they follow from what is published.
-        p: p-value, as computed here.
-        test: How.
-        holds: Whether p at 0.05 agrees with the statement.
-    """
-
-    text: str
-    assumption: str
-    p: float
-    test: str
-    holds: bool
+    text: str  # what the paper says
+    assumption: str  # counts assumed; empty where they follow from what is published
+    p: float  # p-value, as computed here
+    test: str  # how
+    holds: bool  # whether p at 0.05 agrees with the statement
 
 
 def statements() -> list[Statement]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,13 +21,13 @@ from palp_core.palpation.reporting.charts import (
     number,
     tidy,
 )
-from palp_core.palpation.studies.robustness.cells import FACTORS, Factor
+from palp_core.palpation.studies.robustness.cases import FACTORS, Factor
+from palp_core.palpation.studies.summary import Records
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Records = Sequence[Mapping[str, Any]]
 _LOOKS: dict[str, tuple[str, str, str]] = {
     "fixed_average": (GREY, ":", "x"),
     "fixed_best": (INK, "-", "s"),

@@ -12,34 +12,22 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Symptom of a failing method and of the survivor over the same range.
+    """Symptom of a failing method and of the survivor over the same range."""
 
-    Attributes:
-        name: Of it, as in ``pytest -k NAME``.
-        failing: The method that fails.
-        survivor: The method that does not.
-        parameter: What is varied, with its unit; of a case with one input, that input in words.
-        values: Of the parameter, shape (n,); one where nothing is varied.
-        symptom: What is measured, with its unit.
-        of_failing: Symptom of the failing method, shape (n,); infinite where it gave no answer at all.
-        of_survivor: Symptom of the survivor, shape (n,).
-        limit: Symptom from which on a value counts as failed.
-        why: What happens, in a sentence.
-        axis: Of the parameter: ``linear``, ``log``, or ``to_half``, which spreads what is just below 0.5.
-        rig: Values of the parameter that the published rig has; none where it is no quantity of the rig.
-    """
-
-    name: str
-    failing: str
-    survivor: str
-    parameter: str
-    values: Float64Array
-    symptom: str
+    name: str  # of it, as in pytest -k NAME
+    failing: str  # the method that fails
+    survivor: str  # the method that does not
+    parameter: str  # what is varied, with its unit; of a case with one input, that input in words
+    values: Float64Array  # of the parameter, shape (n,); one where nothing is varied
+    symptom: str  # what is measured, with its unit
+    # symptom of the failing method, shape (n,); infinite where it gave no answer at all
     of_failing: Float64Array
-    of_survivor: Float64Array
-    limit: float
-    why: str
+    of_survivor: Float64Array  # symptom of the survivor, shape (n,)
+    limit: float  # symptom from which on a value counts as failed
+    why: str  # what happens, in a sentence
+    # of the parameter: linear, log, or to_half, which spreads what is just below 0.5
     axis: Literal["linear", "log", "to_half"] = "linear"
+    # values of the parameter that the published rig has; none where it is no quantity of the rig
     rig: tuple[float, ...] = ()
 
     @property
@@ -91,14 +79,29 @@ class Case:
             at = int(flips[0])
             side = "from" if failed[-1] else "up to"
             return f"{side} {self.values[at + 1 if failed[-1] else at]:.3g}"
-        spans, start = [], None
-        for i, bad in enumerate([*failed.tolist(), False]):
-            if bad and start is None:
-                start = i
-            elif not bad and start is not None:
-                spans.append(f"{self.values[start]:.4g} to {self.values[i - 1]:.4g}")
-                start = None
-        return ", ".join(spans)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], failed, [False]]).astype(int)))
+        spans = zip(edges[0::2], edges[1::2] - 1, strict=True)
+        return ", ".join(f"{self.values[first]:.4g} to {self.values[last]:.4g}" for first, last in spans)
+
+
+def measure(
+    name: str,
+    failing: str,
+    survivor: str,
+    parameter: str,
+    values: Float64Array,
+    symptom: str,
+    of_failing: Callable[[float], float],
+    of_survivor: Callable[[float], float],
+    limit: float,
+    why: str,
+    *,
+    scale: float = 1.0,
+    **more: Any,
+) -> Case:
+    """Return a case whose symptoms are measured at every value; the table shows values times ``scale``."""
+    bad, good = (np.array([of(float(value)) for value in values]) for of in (of_failing, of_survivor))
+    return Case(name, failing, survivor, parameter, values * scale, symptom, bad, good, limit, why, **more)
 
 
 def compare_once(

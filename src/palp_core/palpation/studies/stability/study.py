@@ -6,28 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from palp_core.palpation.reporting.html_page import picture, write_page
+from palp_core.palpation.studies.parallel import progress
+from palp_core.palpation.studies.stability.algorithm import algorithm_cases
 from palp_core.palpation.studies.stability.case import Case
-from palp_core.palpation.studies.stability.cases_belief import belief_cases
-from palp_core.palpation.studies.stability.cases_fem import fem_cases
-from palp_core.palpation.studies.stability.cases_joint import joint_cases
-from palp_core.palpation.studies.stability.cases_other import other_cases
-from palp_core.palpation.studies.stability.cases_signal import signal_cases
 from palp_core.palpation.studies.stability.charts import overview
-from palp_core.palpation.studies.toolkit.progress import followed
+from palp_core.palpation.studies.stability.elements import element_cases
+from palp_core.palpation.studies.stability.joint import joint_cases
 
 _HEAD = ("failing method", "symptom", "fails at", "survivor")
 
 
 def run(out: Path, *, quick: bool = False) -> Path:
-    """Measure all cases, write table, chart and the page, and return the page.
-
-    Args:
-        out: Folder for the files; made if missing.
-        quick: Few values of each parameter.
-    """
-    groups = followed("groups of cases", (joint_cases, other_cases, fem_cases))
-    measured = [case for group in groups for case in group(quick=quick)]
-    cases = [*measured, *belief_cases(), *signal_cases()]
+    """Measure all cases, write table, chart and the page, and return the page."""
+    measured: list[Case] = []
+    groups = (joint_cases, element_cases)
+    with progress("groups of cases", len(groups)) as advance:
+        for group in groups:
+            measured += group(quick=quick)
+            advance()
+    cases = [*measured, *algorithm_cases()]
     out.mkdir(parents=True, exist_ok=True)
     (out / "stability.md").write_text(markdown(cases), encoding="utf-8")
     return write_page(

@@ -1,0 +1,249 @@
+"""The paper's tests on our trials, the comparisons it did not make, and how many sessions these take."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from statsmodels.stats.power import normal_power, ttest_power  # type: ignore[import-untyped]
+
+from palp_core.palpation.perception.statistics.anova import (
+    NotTestable,
+    bonferroni,
+    mixed_logit,
+    permutation,
+    two_way,
+)
+from palp_core.palpation.perception.statistics.resampling import SessionMean, cluster_bootstrap, compare
+from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT, PUBLISHED
+from palp_core.palpation.studies.schemes import FIXED
+from palp_core.palpation.studies.summary import accuracies, depth_key, ends, joined
+from palp_core.palpation.studies.trials import Outcomes
+from palp_core.units import Float64Array
+
+Sessions = Mapping[str, Sequence[Outcomes]]
+
+FIXED_DEPTH_AND_RING = "fixed: depth and r_a"
+THREE_EXPERIMENTS = "human, fixed and human strategy: depth and experiment"
+_BEST = "best fixed position and human strategy: depth and experiment"
+
+REPORTED = {
+    FIXED_DEPTH_AND_RING: "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm "
+    "better than the rest, and r_a in three groups",
+    THREE_EXPERIMENTS: "depth and experiment significant, their interaction not; post hoc 2 mm best, "
+    "4 and 8 mm alike; human against fixed no difference, varied better than fixed",
+    _BEST: "no such analysis: its fixed stiffness is the average over five positions",
+}
+"""What the paper says of each analysis."""
+
+PAIRS = (
+    ("markov", "fixed_average"),
+    ("markov", "fixed_best"),
+    ("markov", "markov_stationary"),
+    ("markov", "markov_reversed"),
+    ("markov", "markov_permuted"),
+    ("markov", "uniform"),
+    ("markov", "uniform_stiff"),
+    ("information_gain", "fixed_best"),
+    ("information_gain_latent", "fixed_best"),
+    ("information_gain_latent", "information_gain"),
+    ("reposition_best", "fixed_best"),
+)
+
+
+def comparisons(sessions: Sessions, average: Sequence[float]) -> list[dict[str, Any]]:
+    """Return paired differences of accuracy, Holm over the family."""
+    table = {name: accuracies(found) for name, found in sessions.items()} | {
+        "fixed_average": np.asarray(average)
+    }
+    return [
+        {
+            "first": one.first,
+            "second": one.second,
+            "difference": one.difference.value,
+            "ci": ends(one.difference),
+            "p": one.p,
+            "p_holm": one.p_holm,
+        }
+        for one in compare(table, PAIRS, np.random.default_rng(12))
+    ]
+
+
+def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return the paper's two analyses of variance on our trials, and a third, and what to trust instead.
+
+    One session is what the paper had; its table is that of the first session. The human's trials are those of
+    the published counts. The mixed logit and the permutation test are over all sessions, and our trials only.
+    """
+    fixed = {name: sessions[name] for name in FIXED}
+    human = _published_human(depths_m)
+    average = {"fixed": joined(fixed), "human strategy": sessions["markov"]}
+    best = {"fixed_best": sessions["fixed_best"], "markov": sessions["markov"]}
+    return {
+        FIXED_DEPTH_AND_RING: {"paper": REPORTED[FIXED_DEPTH_AND_RING]} | _one(fixed, "r_a", depths_m),
+        THREE_EXPERIMENTS: {"paper": REPORTED[THREE_EXPERIMENTS]}
+        | _one(average, "experiment", depths_m, human),
+        _BEST: {"paper": REPORTED[_BEST]} | _one(best, "experiment", depths_m),
+    }
+
+
+_SOON = 5  # iterations within which most of the paper's trials ended
+
+Columns = tuple[list[float], list[str], list[str]]
+
+
+def _published_human(depths_m: Sequence[float]) -> Columns:
+    """Return outcome, depth and experiment of the human's trials, from the published percentages."""
+    keys = [key for key in map(depth_key, depths_m) if key in HUMAN_RIGHT]
+    right = [float(n < HUMAN_RIGHT[key]) for key in keys for n in range(HUMAN_OF)]
+    return right, [key for key in keys for _ in range(HUMAN_OF)], ["human"] * len(right)
+
+
+def _one(
+    sessions: Sessions, factor: str, depths_m: Sequence[float], more: Columns = ([], [], [])
+) -> dict[str, Any]:
+    first = {name: found[:1] for name, found in sessions.items()}
+    right, depth, kind, _ = _columns(first, depths_m)
+    right, depth, kind = right + more[0], depth + more[1], kind + more[2]
+    table = two_way(right, depth, kind, names=("depth", factor))
+    post = (
+        {}
+        if isinstance(table, NotTestable)
+        else {
+            "depth": [asdict(t) for t in bonferroni(right, depth)],
+            factor: [asdict(t) for t in bonferroni(right, kind)],
+        }
+    )
+    right, depth, kind, session = _columns(sessions, depths_m)
+    logit = mixed_logit(right, {"depth": depth, factor: kind}, session)
+    exchanged = permutation(right, kind, session, np.random.default_rng(13), shuffles=500)
+    return {
+        "as_in_the_paper": asdict(table),
+        "bonferroni": post,
+        "mixed_logit": asdict(logit) if isinstance(logit, NotTestable) else [asdict(e) for e in logit],
+        f"permutation_{factor}": asdict(exchanged) if isinstance(exchanged, NotTestable) else exchanged,
+    }
+
+
+def _columns(
+    sessions: Sessions, depths_m: Sequence[float]
+) -> tuple[list[float], list[str], list[str], list[int]]:
+    """Return outcome, depth, policy and session of every trial."""
+    right: list[float] = []
+    depth: list[str] = []
+    kind: list[str] = []
+    session: list[int] = []
+    for name, found in sessions.items():
+        for number, one in enumerate(found):
+            right += one.correct.astype(float).tolist()
+            depth += [depth_key(depths_m[c]) for c in one.depth.tolist()]
+            kind += [name] * len(one.depth)
+            session += [number] * len(one.depth)
+    return right, depth, kind, session
+
+
+def iterations(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return the iterations that trials took, by depth, with 95 % intervals over sessions.
+
+    Returns:
+        ``by_depth`` in mm: ``value`` and ``ci``; ``deepest_minus_shallowest``, likewise, within sessions;
+        ``within_5``, the share of trials that took five or fewer.
+    """
+    rng = np.random.default_rng(14)
+    means = np.array([[one.probes[one.depth == c].mean() for c in range(len(depths_m))] for one in sessions])
+    every = np.concatenate([one.probes for one in sessions])
+    return {
+        "by_depth": {
+            depth_key(depth_m): _interval(cluster_bootstrap(column, rng, within=(0.0, np.inf)))
+            for depth_m, column in zip(depths_m, means.T, strict=True)
+        },
+        "deepest_minus_shallowest": _interval(cluster_bootstrap(means[:, -1] - means[:, 0], rng)),
+        "within_5": float(np.mean(every <= _SOON)),
+    }
+
+
+def _interval(of: SessionMean) -> dict[str, Any]:
+    return {"value": of.value, "ci": ends(of)}
+
+
+POWER_PAIRS = (
+    ("markov", "fixed_average"),
+    ("markov", "uniform"),
+    ("markov", "fixed_best"),
+    ("information_gain_latent", "fixed_best"),
+)
+_TRIALS = (1, 5, 20, 100)  # of a depth and session
+_LEVEL, _MOST_SESSIONS, _PUBLISHED_TRIALS = 0.05, 120, 300
+
+
+def power_report(sessions: Mapping[str, Sequence[Outcomes]], class_count: int) -> dict[str, Any]:
+    """Return how alike trials of a session are, and how many sessions differences need."""
+    shares = {
+        name: np.array(
+            [[one.correct[one.depth == c].mean() for c in range(class_count)] for one in sessions[name]]
+        )
+        for name in (*FIXED, "fixed_best", "markov", "uniform", "information_gain_latent")
+    }
+    shares["fixed_average"] = np.mean([shares[name] for name in FIXED], axis=0)
+    trials = sessions["markov"][0].correct.size
+    policies = {}
+    for name in dict.fromkeys(name for pair in POWER_PAIRS for name in pair):
+        right = shares[name].mean(axis=1)
+        alike = correlate_trials(right, trials)
+        policies[name] = {
+            "session_sd": float(right.std(ddof=1)),
+            "intraclass": alike,
+            "worth_of_300": _PUBLISHED_TRIALS / (1.0 + (_PUBLISHED_TRIALS - 1) * alike),
+        }
+    base = PUBLISHED["fixed"]["overall"]
+    return {
+        "policies": policies,
+        "needed": [
+            {
+                "first": first,
+                "second": second,
+                "trials": count,
+                **{str(w): count_sessions(shares[first], shares[second], count, w / 100) for w in (80, 90)},
+            }
+            for first, second in POWER_PAIRS
+            for count in _TRIALS
+        ],
+        "least_share": {
+            "independent": least_share(base, 0.0),
+            "of one session": least_share(base, policies["fixed_average"]["intraclass"]),
+        },
+    }
+
+
+def correlate_trials(right: Float64Array, trials: int) -> float:
+    """Return the intraclass correlation of sessions of equal length, by one-way analysis of variance."""
+    between = trials * float(right.var(ddof=1))
+    within = float(np.mean(right * (1.0 - right))) * trials / (trials - 1)
+    total = between + (trials - 1) * within
+    return max(0.0, (between - within) / total) if total > 0.0 else 0.0
+
+
+def count_sessions(first: Float64Array, second: Float64Array, trials: int, wanted: float) -> int | None:
+    """Return the least sessions with which Student's paired test has a power; None: more than 120."""
+    apart = (first - second).mean(axis=1)
+    own = (first * (1.0 - first) + second * (1.0 - second)).sum(axis=1).mean()
+    spread = float(np.sqrt(apart.var(ddof=1) + own / (trials * first.shape[1] ** 2)))
+    if spread == 0.0:
+        return 2 if apart.mean() != 0.0 else None
+    effect = abs(float(apart.mean())) / spread
+    for count in range(2, _MOST_SESSIONS + 1):
+        power = float(ttest_power(effect, count, _LEVEL))
+        # far out the noncentral t has no number; the normal law is as good there
+        if (power if np.isfinite(power) else float(normal_power(effect, count, _LEVEL))) >= wanted:
+            return count
+    return None
+
+
+def least_share(base: float, correlation: float, wanted: float = 0.8) -> float | None:
+    """Return the least share that 300 trials of each way resolve from ``base``; None: not even 1."""
+    effect = 1.0 + (_PUBLISHED_TRIALS - 1) * correlation
+    for share in np.arange(base, 1.0 + 1e-9, 0.001):
+        variance = (base * (1.0 - base) + share * (1.0 - share)) * effect / _PUBLISHED_TRIALS
+        if normal_power(share - base, 1, _LEVEL, sigma=np.sqrt(variance)) >= wanted:
+            return float(share)
+    return None

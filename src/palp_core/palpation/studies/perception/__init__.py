@@ -1,1 +1,0 @@
-"""What the methods of perception get wrong, and what they cost: their stated bounds are held against it."""

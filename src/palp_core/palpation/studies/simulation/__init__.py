@@ -1,1 +1,0 @@
-"""Whole sessions without a graph, many at a time."""

@@ -1,1 +1,0 @@
-"""What studies share: processes, kept results, progress."""
