@@ -9,8 +9,7 @@ from benchmarks.compare_policies import compare
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.recorded_session import read_session
-from palp_core.palpation.session.result import write_result
-from palp_core.palpation.session.result_json import build
+from palp_core.palpation.session.result import build, write_result
 
 Writer = Callable[..., Path]
 Summariser = Callable[..., RunSummary]

@@ -277,21 +277,15 @@ def test_a_torque_that_fits_no_class_is_said() -> None:
     assert bench.sent(Estimator.belief)[-1].outlier
 
 
-def streamed(
-    bench: Bench[Estimator], torque_n_m: Float64Array, start_ns: int, size: int = 20, offset_ns: int = 300_000
-) -> int:
-    """Feed a stream whose samples lie between those of the grid, from half a second before the sweep on.
-
-    Returns:
-        When the sweep begins.
-    """
+def streamed(bench: Bench[Estimator], torque_n_m: Float64Array, start_ns: int, size: int = 20) -> int:
+    """Feed a stream whose samples lie between those of the grid; return when the sweep in it begins."""
     before = np.full(500, torque_n_m[0])
     stream = np.concatenate([before, torque_n_m, np.full(200, torque_n_m[-1])])
     sweep_ns = start_ns + 500_000_000
     for at in range(0, len(stream), size):
         if at == 500:
             bench.feed(Estimator.sweep, status("sweeping", start_ns=sweep_ns))
-        first_ns = start_ns + at * 1_000_000 + offset_ns
+        first_ns = start_ns + at * 1_000_000 + 300_000
         bench.feed(Estimator.torque, block(stream[at : at + size], first_ns=first_ns, over_phantom=False))
     return sweep_ns
 
@@ -312,13 +306,3 @@ def test_a_stream_is_followed_as_it_comes() -> None:
     bench.feed(Estimator.sweep, status("cancelled", start_ns=sweep_ns))
     (belief,) = bench.sent(Estimator.belief)
     np.testing.assert_array_equal(belief.posterior, outlooks(bench)[-1].posterior)
-
-
-def test_its_trace_filter_is_the_registers_choice_where_nobody_names_one() -> None:
-    bench: Bench[Estimator] = Bench(Estimator, {**PARAMS, "trace_filter": "auto", "slope_error": 0.2})
-    (said,) = bench.sent(Estimator.methods)
-    (use,) = [one for one in said.uses if one.task == "trace_filter"]
-    assert (use.name, use.asked, use.bounded) == ("second_order", False, True)
-    assert bench.node.reading.methods["trace_filter"] == "second_order"
-    with pytest.raises(NodeError, match="no trace_filter method gives 'decision'"):
-        Bench(Estimator, {**PARAMS, "trace_filter": "auto", "friction_sd": 0.5})

@@ -8,13 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import latent
-from palp_core.palpation.perception.belief.primitives import fit_cells, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
-from palp_core.palpation.perception.belief.trial_filter import TrialReading
-from palp_core.palpation.session.filters import filter_of
-from palp_core.palpation.session.reanalysis import Methods, readings, reanalyse
+from palp_core.palpation.session.reanalysis import Methods, reanalyse
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.trials_csv import read_rows
@@ -78,31 +74,6 @@ def test_the_library_finds_the_nodes_beliefs_again_to_the_last_bit(folder: Path)
             assert trial.posteriors == tuple(tuple(row.posterior) for row in rows)
             last = rows[-1]
             assert (trial.verdict, trial.estimate_m) == (last.verdict, last.estimate_m)
-
-
-@pytest.mark.parametrize("likelihood", ["normal", "student_t"])
-@pytest.mark.parametrize("feature", ["peak", "contrast"])
-def test_a_trial_is_decided_by_the_filter_of_its_features(
-    folder: Path, likelihood: str, feature: str
-) -> None:
-    session = read_sweeps(folder / "out")
-    methods = Methods(feature=feature, likelihood=likelihood, stop="fixed_number", stop_value=6.0)
-    training, estimation = session.phase("training"), session.phase("estimation")
-    values = readings(training, methods).tolist()
-    cells = [
-        (sweep.depth_m or 0.0, sweep.ring_m, value) for sweep, value in zip(training, values, strict=True)
-    ]
-    primitives = fit_cells(cells, quantisation_sd(RESOLUTION_N_M))
-    belief = filter_of(primitives, "naive", likelihood=likelihood, feature=feature)
-    rings, values = primitives.rings_m.tolist(), readings(estimation, methods).tolist()
-    for trial in reanalyse(session, methods).trials:
-        pairs = zip(estimation, values, strict=True)
-        probes = [
-            TrialReading(value, rings.index(sweep.ring_m), sweep.landed)
-            for sweep, value in pairs
-            if sweep.trial == trial.trial
-        ]
-        np.testing.assert_array_equal(trial.posteriors[-1], belief.posterior(probes))
 
 
 def test_the_policy_has_the_estimators_own_belief(run: tuple[Path, Beliefs]) -> None:

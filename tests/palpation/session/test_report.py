@@ -81,12 +81,6 @@ def test_a_run_leaves_a_page_of_accuracies_and_a_report_that_is_asked_for_every_
     assert not list(out.rglob("*.part"))
 
 
-def test_files_of_the_charts_are_made_where_they_are_asked_for(reported: Path) -> None:
-    names = {path.name for path in (reported / "charts").iterdir()}
-    assert names == {f"{name}.{form}" for name in ALL - {"accuracy"} for form in ("png", "svg", "csv")}
-    assert "charts/belief.csv" in page_of(reported)
-
-
 def test_the_page_needs_no_other_file(complete: str) -> None:
     pictures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', complete)
     assert len(pictures) == len(ALL) - 1  # accuracies are drawn by the page itself
@@ -204,16 +198,6 @@ def test_a_single_trial_of_a_single_depth_that_stayed_undecided_is_drawn(
     session(run)
     assert {one.name for one in charts_of(read_session(out), run) if laid_out(one).axes} == ALL - {"accuracy"}
     assert "1 undecided" in page_of(out)
-
-
-@pytest.mark.usefixtures("blank_charts")
-def test_a_record_cut_short_within_a_trial_leaves_that_trial_out(record: Writer, summary: Summariser) -> None:
-    out = record(trials=TRIALS)
-    table = out / "trials.csv"
-    table.write_text(table.read_text()[:-20])
-    session(summary(out))
-    assert "in 3 of 3 trials" in page_of(out)
-    assert "does not see end: 1, left out" in page_of(out)
 
 
 def test_a_table_that_was_emptied_beside_its_sweeps_is_not_called_kept(

@@ -107,8 +107,7 @@ def _write(found: RecordedSession, summary: RunSummary, *, charts: bool, files: 
     from palp_core.palpation.reporting.html_page import picture
     from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
-    from palp_core.palpation.session.result import write_result
-    from palp_core.palpation.session.result_json import build
+    from palp_core.palpation.session.result import build, write_result
 
     result = build(found, summary)
     write_result(result, found.folder)

@@ -19,7 +19,7 @@ from palp_core.palpation.session.human.record import is_human_session, read_huma
 from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.policy_changes import policy_spans
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
-from palp_core.palpation.session.result_json import how_far
+from palp_core.palpation.session.result import how_far
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.run_note import STILL_RUNNING, read_note
 from palp_core.palpation.session.session_folder import REPLACED, RUN, SWEEPS, TABLE
