@@ -18,7 +18,7 @@ from palp_core.palpation.perception.statistics.resampling import (
     cluster_bootstrap,
     share_interval,
 )
-from palp_core.palpation.reporting.html_page import write_page
+from palp_core.palpation.reporting.html_page import span, write_page
 from palp_core.palpation.reporting.table import write_csv
 from palp_core.palpation.session.reanalysis import Methods, ReanalysedSession, ReanalysedTrial, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
@@ -174,25 +174,22 @@ def write_analysis(record: dict[str, Any], out: Path) -> Path:
 def rows_of(record: dict[str, Any]) -> list[list[str]]:
     """Return the results as a table of text, the heading first."""
     heads = [*_TASKS, "accuracy, %", "95 %", "against the first", "probes", "RMSE, mm"]
-    return [
-        [*heads, "calibration error", "undecided", "ran out"],
-        *(
+    rows = [[*heads, "calibration error", "undecided", "ran out"]]
+    for row in record["results"]:
+        accuracy, difference = (_parts(row[name]) for name in ("accuracy", "difference_to_first"))
+        rows.append(
             [
                 *(_shown(row, task) for task in _TASKS),
-                _percent(row["accuracy"]),
-                _range(row["accuracy"]),
-                f"{_percent(row['difference_to_first'])} ({_range(row['difference_to_first'])})"
-                if row["difference_to_first"]
-                else "-",
+                *accuracy,
+                f"{difference[0]} ({difference[1]})" if row["difference_to_first"] else "-",
                 f"{row['probes']:.2f}",
                 "-" if row["rmse_mm"] is None else f"{row['rmse_mm']:.2f}",
                 "-" if row["calibration_error"] is None else f"{row['calibration_error']:.3f}",
                 str(row["undecided"]),
                 str(row["ran_out"]),
             ]
-            for row in record["results"]
-        ),
-    ]
+        )
+    return rows
 
 
 def _shown(row: dict[str, Any], task: str) -> str:
@@ -201,9 +198,6 @@ def _shown(row: dict[str, Any], task: str) -> str:
     return str(of_trace.get(task, row[task]) if row["trace_filter"] else row[task])
 
 
-def _percent(value: dict[str, Any] | None) -> str:
-    return "-" if value is None else f"{100.0 * value['value']:.1f}"
-
-
-def _range(value: dict[str, Any] | None) -> str:
-    return "-" if value is None else f"{100.0 * value['ci'][0]:.1f} to {100.0 * value['ci'][1]:.1f}"
+def _parts(value: dict[str, Any] | None) -> tuple[str, str]:
+    """Return a share and its interval in per cent."""
+    return ("-", "-") if value is None else (f"{100.0 * value['value']:.1f}", span(value["ci"]))
