@@ -1,10 +1,7 @@
-"""Lockstep simulated time: rounds at an instant, then a leap to the next one.
+"""Lockstep simulated time: rounds at an instant, then a leap to the next due timer.
 
-At each instant nodes work in rounds. A round delivers exactly the messages that were published in the round
-before; within it each node runs its due timers in declaration order, then consumes messages by (topic,
-sequence), and replies with what it published. When a round publishes nothing, time moves on to the next due
-timer. So a run is a function of the graph and its seed, wherever its nodes live and however loaded the
-machine is.
+A round delivers exactly the messages of the round before; within it each node runs its due timers in
+declaration order, then consumes messages by (topic, sequence). So a run is a function of graph and seed.
 """
 
 from collections.abc import Callable, Mapping, Sequence

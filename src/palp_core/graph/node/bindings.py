@@ -19,7 +19,7 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
 from palp_core.graph.node.ports import ACTION_CALLS, SERVICE, Alarm, Timer
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.qos_events import EventEnd, EventPublisher, QosEvent
+from palp_core.graph.node.qos_events import EventEnd, EventPublisher
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import ClientEnd
 from palp_core.graph.node.spec import NodeSpec, part, topic
@@ -120,15 +120,7 @@ class Bindings:
         if end := self.events.get(("reader_overrun", port)):
             end.count(change, self._context.now_ns())
         elif port in self._declared.pubs:
-            self._events.publish_qos_event(
-                QosEvent(
-                    kind="reader_overrun",
-                    port=port,
-                    topic=out.topic,
-                    total_count=out.lost_count,
-                    count_change=change,
-                )
-            )
+            self._events.publish_qos_event("reader_overrun", port, out.topic, out.lost_count, change)
 
     def _bind_clients(self) -> None:
         """A client's requests are a topic of its own; the replies to it are a topic of the server's."""

@@ -23,7 +23,7 @@ from palp_core.graph.messages.message import Message, decode, encode, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.bindings import Bindings
 from palp_core.graph.node.handover import VERSION, HandOver, adopt_state, first_state, state_identity
-from palp_core.graph.node.journal import ORDER_PORT, OUTSIDE, PARAMETERS, Journal
+from palp_core.graph.node.journal import BATCH, ORDER_PORT, OUTSIDE, PARAMETERS, Journal
 from palp_core.graph.node.lifecycle import Lifecycle, LifecycleHooks, Transition, successor
 from palp_core.graph.node.node import Node, Params, State, class_name, declaration_of
 from palp_core.graph.node.params import changed_params, load_params
@@ -200,9 +200,9 @@ class Executor:
         Returns:
             False if the message was rejected.
         """
-        self._now_ns = now_ns
-        if now_ns >= self.journal.next_snapshot_ns:  # a call costs more than the question
-            self.journal.take_snapshot(now_ns)
+        self._now_ns, journal = now_ns, self.journal
+        if now_ns >= journal.next_snapshot_ns:
+            journal.take_snapshot(now_ns)
         try:
             message = subscription.accept(frame, now_ns)
         except SchemaMismatch as error:
@@ -210,7 +210,10 @@ class Executor:
             self.events.reject(SchemaMismatch(f"{place}: {error}; mend what its publisher sends"))
             return False
         if message is not None:
-            self.journal.note_index(subscription.index, frame.epoch, frame.sequence, now_ns)
+            entries = journal.entries  # a call costs more than the entry
+            entries.append((subscription.index, frame.epoch, frame.sequence, now_ns))
+            if len(entries) >= BATCH:
+                journal.flush(now_ns)
             subscription.last = (now_ns, message)
             try:
                 subscription.handler(self.node, message)

@@ -32,7 +32,7 @@ class Journal:
 
     def discard(self) -> None:
         self._hand_over = b""
-        self._entries: list[tuple[int, int, int, int]] = []
+        self.entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []
 
     def take_snapshot(self, now_ns: int) -> None:
@@ -58,7 +58,7 @@ class Journal:
                 self.discard()
             self._follow()
             self.take_snapshot(now_ns)
-        elif self._entries:
+        elif self.entries:
             self.flush(now_ns)
 
     def _follow(self) -> None:
@@ -66,12 +66,8 @@ class Journal:
 
     def note(self, source: str, epoch: int, sequence: int, now_ns: int) -> None:
         """Add an entry, before the node handles what it names."""
-        self.note_index(self.index[source], epoch, sequence, now_ns)
-
-    def note_index(self, index: int, epoch: int, sequence: int, now_ns: int) -> None:
-        entries = self._entries
-        entries.append((index, epoch, sequence, now_ns))
-        if len(entries) >= BATCH:
+        self.entries.append((self.index[source], epoch, sequence, now_ns))
+        if len(self.entries) >= BATCH:
             self.flush(now_ns)
 
     def note_transition(self, transition: Transition, now_ns: int) -> bool:
@@ -95,12 +91,12 @@ class Journal:
 
     def flush(self, now_ns: int) -> None:
         """Publish the open batch, if there is anything in it, and begin the next one."""
-        if not self._entries and not self._hand_over:
+        if not self.entries and not self._hand_over:
             return
         if self._publisher.has_readers and not self._followed:
             self.discard()  # a new follower cannot tell where this begins; it gets a place to start
             return
-        source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4
+        source, epoch, sequence, at_ns = zip(*self.entries, strict=True) if self.entries else ((),) * 4
         batch = Order(
             stamp_ns=now_ns,
             sources=self._sources,

@@ -337,13 +337,7 @@ class ActionParts(NamedTuple):
 def action_parts(
     port: Act[Any, Any, Any] | ActionClient[Any, Any, Any], handler: Callable[..., Any], hz: str
 ) -> ActionParts:
-    """Return what an action, or a client of one, is made of.
-
-    Args:
-        port: As declared.
-        handler: What works on its goals; of a client what takes their results.
-        hz: The parameter with the rate of steps; "": there are none.
-    """
+    """Return what an action, or a client of one, is made of; ``hz`` as in :class:`Mark`."""
     types = port.types
     services: dict[str, Any] = {
         "send_goal": (types.send_goal, wire.SendGoalReply),

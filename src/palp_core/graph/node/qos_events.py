@@ -89,12 +89,18 @@ class EventPublisher:
         now_ns = self._context.now_ns()
         self.publisher.put(NodeEvent(stamp_ns=now_ns, kind=kind, text=text, data=json.dumps(dict(data))))
 
-    def publish_qos_event(self, event: QosEvent) -> None:
+    def publish_qos_event(
+        self, kind: EventKind, port: str, source: str, total_count: int, count_change: int = 1
+    ) -> QosEvent:
+        event = QosEvent(
+            kind=kind, port=port, topic=source, total_count=total_count, count_change=count_change
+        )
         if is_reported(event):
             self._context.log.warning("%s", event.text)
             self.publish(event.kind, event.text, msgspec.to_builtins(event))
             if self._report is not None:
                 self._report(event)
+        return event
 
     def reject(self, error: SchemaMismatch) -> None:
         """Count a frame that is not what an edge carries; log the 1st, 2nd, 4th, 8th ... of them."""
@@ -152,10 +158,7 @@ class EventEnd(TimedEnd):
 
     def handle(self) -> None:
         change, self._handled = self.total - self._handled, self.total
-        event = QosEvent(
-            kind=self.kind, port=self.port, topic=self._source, total_count=self.total, count_change=change
-        )
-        self._events.publish_qos_event(event)
+        event = self._events.publish_qos_event(self.kind, self.port, self._source, self.total, change)
         if self.handler is not None:
             self.handler(self._context.node, event)
 

@@ -9,7 +9,7 @@ from palp_core.graph.messages.message import Message, decoder_of
 from palp_core.graph.messages.qos import EventKind, Qos
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.qos_events import EventEnd, EventPublisher, QosEvent
+from palp_core.graph.node.qos_events import EventEnd, EventPublisher
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import ClientEnd
 
@@ -114,15 +114,7 @@ class Subscription:
         count = self._repeats[0] + 1 if self._repeats[1] == taken else 1
         self._repeats = count, taken
         if count >= FEW_REPEATS:
-            self._events.publish_qos_event(
-                QosEvent(
-                    kind="message_repeated",
-                    port=self.port,
-                    topic=self.topic,
-                    total_count=count,
-                    count_change=1,
-                )
-            )
+            self._events.publish_qos_event("message_repeated", self.port, self.topic, count)
 
 
 class ReplySubscription(Subscription):

@@ -1,8 +1,6 @@
-"""A node on the wall clock writes itself down at each message by which a checkpoint is due.
+"""A node on the wall clock writes itself down at each message by which a checkpoint is due, not at a time.
 
-No clock decides where: a reader does so before it handles the message, the publisher when the handler that
-has published it is done. So what all of them have done before it is in the checkpoint, and nothing of what
-comes after.
+So what all nodes have done before that message is in the checkpoint, and nothing of what comes after.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,4 @@
-"""What a node's process and its supervisor say to each other; a swap's words are in ``swap_messages``.
-
-Payloads of a lockstep round travel here as they are on the wire; nothing is decoded on the way.
-"""
+"""What a node's process and its supervisor send each other; messages of a swap are in ``swap_messages``."""
 
 import socket
 

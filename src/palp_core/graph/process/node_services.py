@@ -1,8 +1,6 @@
 """What may be asked of a running node from outside: operations from map to map, between two handlers.
 
-The command line, a stranger with pyzmq and msgpack, and other nodes that miss messages all ask these, at the
-node's ROUTER. Each operation gets the request as the type it wants and returns the reply's map; whatever it
-raises becomes ``{"error": text}``. In lockstep, those that change something wait for the node's next round.
+An operation that raises replies ``{"error": text}``. In lockstep a change waits for a round.
 """
 
 import os

@@ -1,9 +1,7 @@
 """What a reader sends to its publishers, up the connection by which it receives from them.
 
-A subscription that begins with :data:`FLOW_CONTROL` has the publisher of a topic wait for this reader: ZeroMQ
-repeats it to a publisher that is back, and takes it back from one whose reader has died. Behind :data:`ACK` a
-reader states how far it has come and how many messages it has lost for good. An ack goes to all publishers of
-the socket; those that it does not concern pass over it.
+A subscription to :data:`FLOW_CONTROL` has a publisher wait for this reader; ZeroMQ takes it back from one
+that has died. Behind :data:`ACK` it states how far it has come and how many messages it has lost for good.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,8 +1,6 @@
-"""Who reads a node, where it outlives the node's process: its successor waits for them before it speaks.
+"""Who reads a node, in a file that outlives its process: a restarted publisher waits for them.
 
-A subscription to :data:`READER` and a name says who listens; no frame's topic begins so. A publisher writes
-the names down in a file of the run directory. Restarted, it waits for those that its predecessor had, so that
-its first messages reach readers that have yet to connect again, however many messages it keeps.
+A subscription to :data:`READER` and a name says who listens; no frame's topic begins so.
 """
 
 import contextlib

@@ -1,9 +1,7 @@
-"""What a node has taken up, where it outlives the node's process: its successor goes on from there.
+"""What a node has taken up, and what it has published, in files that outlive its process.
 
-A file of the run directory, mapped into memory: one slot of 16 bytes per input topic, written after each
-message has been handled. A kill -9 loses nothing of it, and the message it interrupts is handed over again.
-Another such file has the outputs, written before each message is sent: what a killed process had published
-and could not deliver any more is counted by its readers, who are told by its successor.
+One slot of 16 bytes per topic is mapped into memory: written after a message is handled, or before it goes.
+So a kill -9 loses nothing, and the message that it interrupts is handed over again.
 """
 
 import mmap

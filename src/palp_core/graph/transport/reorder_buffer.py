@@ -1,12 +1,7 @@
 """Put what arrives on one edge in order, ask for what is missing, give up what cannot be had.
 
-A ``reliable`` edge holds back what came after a gap, asks the publisher for the missing messages and hands
-all of them on in order. A publisher that no longer has them says so, and one that does not answer is waited
-for no longer than :data:`FILL_NS`: then the gap is handed on as a gap, which the edge's account counts as
-lost. The same question gets a late joiner the last messages of a ``transient_local`` edge, and a restarted
-reader what it missed.
-
-Used on the wall clock only: in lockstep nothing can be missing.
+A ``reliable`` edge holds back what came after a gap and asks the publisher; what it has no longer, or does
+not send within :data:`FILL_NS`, is handed on as a gap, which the account counts as lost. Wall clock only.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,6 @@
-"""Answer requests from outside, maps in and maps out, so that nothing a stranger sends does harm.
+"""Answer requests from outside, maps in and maps out: each is read as a type before anything looks at it.
 
-A request is read as a type of message before anything looks at it: what every request says first
-(:class:`NodeRequest`), then what its operation wants. What is kept for those who ask is bounded in bytes.
+What is kept for those who ask is bounded in bytes.
 """
 
 from collections import OrderedDict, deque

@@ -42,7 +42,7 @@ class RequesterSocket:
             self._sockets[endpoint].send(msgpack.packb(request), _NOBLOCK)
 
     def pending(self) -> bool:
-        return any(readable(socket) for socket in self._sockets.values())
+        return bool(self._sockets) and any(map(readable, self._sockets.values()))
 
     def replies(self) -> list[dict[str, Any]]:
         found = []
