@@ -1,7 +1,5 @@
 """A workspace whose reader is killed, stopped, robbed and stalled, and which takes commands."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

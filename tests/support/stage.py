@@ -1,7 +1,5 @@
 """A running graph whose middle node is swapped, as its tests see it."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A workspace whose middle node is swapped under load, by classes that fail at every step in every way."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 NODES = '''

@@ -1,7 +1,5 @@
 """A small running graph with everything that the command line can ask for."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A workspace of nodes that do what no node should."""
 
-from __future__ import annotations
-
 import os
 import select
 import subprocess

@@ -1,7 +1,5 @@
 """Lockstep time: the same bytes wherever nodes live, and clear words when a graph cannot go on."""
 
-from __future__ import annotations
-
 import random
 import sys
 from collections.abc import Mapping, Sequence

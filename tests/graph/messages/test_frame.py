@@ -1,7 +1,5 @@
 """Frames: what comes out is what went in, and garbage is refused in one way only."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Malformed frames and requests of every kind: counted, said at a bounded rate, and nothing else happens."""
 
-from __future__ import annotations
-
 import logging
 import struct
 from collections.abc import Iterator

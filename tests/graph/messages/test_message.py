@@ -1,7 +1,5 @@
 """Messages: what they may hold, what their bytes are, what is refused."""
 
-from __future__ import annotations
-
 import enum
 import types
 from typing import Annotated, Any, Literal
@@ -237,7 +235,7 @@ def test_what_a_ros_message_cannot_say_is_refused(annotation: Any) -> None:
 
 
 class Tree(Message):
-    children: list[Tree] = []
+    children: list["Tree"] = []
 
 
 def test_a_message_that_contains_itself_is_refused_each_time() -> None:

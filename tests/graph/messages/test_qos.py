@@ -1,7 +1,5 @@
 """Request versus offer, as in ROS 2."""
 
-from __future__ import annotations
-
 import re
 from itertools import product
 from typing import Any

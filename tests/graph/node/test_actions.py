@@ -1,7 +1,5 @@
 """A goal: accepted or refused, worked on, canceled, ended once and heard of, through any change of hands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The bench: a node in memory, fed by hand on a clock that moves when told."""
 
-from __future__ import annotations
-
 import contextlib
 
 import pytest

@@ -1,7 +1,5 @@
 """One handler at a time: order, accounts, failures, services, parameters."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

@@ -1,9 +1,7 @@
 """A node continues in another executor, or from its own written order, as if nothing had happened."""
 
-from __future__ import annotations
-
 import json
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 import numpy as np
@@ -333,13 +331,13 @@ class NewState(State):
     mean: float = 0.0
 
     @classmethod
-    def migrate(cls, old: Predecessor) -> NewState:
+    def migrate(cls, old: Predecessor) -> Self:
         if old.version != 1:
             raise SchemaMismatch(f"version {old.version} is not known")
         return cls(mean=float(np.mean(old.values["window"])))
 
     @classmethod
-    def adopt(cls, old: Predecessor) -> NewState:
+    def adopt(cls, old: Predecessor) -> Self:
         return cls(mean=old.values.get("total", -1.0))
 
 
@@ -402,7 +400,7 @@ class ThirdState(State):
     adopted: float = 0.0
 
     @classmethod
-    def adopt(cls, old: Predecessor) -> ThirdState:
+    def adopt(cls, old: Predecessor) -> Self:
         return cls(adopted=old.values["total"])
 
 

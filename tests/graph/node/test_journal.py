@@ -1,7 +1,5 @@
 """What a node consumes is written down: all of it in lockstep, on the wall clock for whoever follows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

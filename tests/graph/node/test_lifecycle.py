@@ -1,7 +1,5 @@
 """Managed-node states: whatever is asked, only allowed transitions happen, each with its hook."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import pytest

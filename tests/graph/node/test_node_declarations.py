@@ -1,7 +1,5 @@
 """What a node's class declares is checked where it is defined: ports, handlers, rates, parameters, state."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

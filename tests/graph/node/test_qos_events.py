@@ -1,7 +1,5 @@
 """Deadlines, lifespans, lost messages and unanswered calls, as a node hears of them."""
 
-from __future__ import annotations
-
 from typing import Any, get_args
 
 import pytest

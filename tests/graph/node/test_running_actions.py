@@ -1,7 +1,5 @@
 """Actions of a running graph: in processes, killed, swapped, recorded, replayed; and their page."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

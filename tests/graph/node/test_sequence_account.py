@@ -1,7 +1,5 @@
 """The account of an edge: nothing twice, nothing missing without being counted."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

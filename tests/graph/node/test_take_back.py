@@ -1,6 +1,6 @@
 """A node goes on from where a successor of another class had come, and keeps what only it has."""
 
-from __future__ import annotations
+from typing import Self
 
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.message import Message
@@ -19,7 +19,7 @@ class Total(State):
     total: int = 0
 
     @classmethod
-    def adopt(cls, old: object) -> Total:
+    def adopt(cls, old: object) -> Self:
         return cls(total=old.values["total"])  # type: ignore[attr-defined]
 
 

@@ -1,7 +1,5 @@
 """Timers tick on the grid round(k 1e9 / rate), for ever; alarms ring once."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any

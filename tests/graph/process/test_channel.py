@@ -1,7 +1,5 @@
 """The private line: messages arrive whole, however the socket cuts them."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator
 

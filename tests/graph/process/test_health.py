@@ -1,7 +1,5 @@
 """A node's process knows how it does."""
 
-from __future__ import annotations
-
 import gc
 import os
 

@@ -1,7 +1,5 @@
 """Parameters, services, transitions and messages from outside, on either clock; calls to a dying server."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A node's part in a swap, without processes."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any, cast
 

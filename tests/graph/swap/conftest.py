@@ -1,7 +1,5 @@
 """Running graphs whose middle node is swapped."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whatever happens to a node, its epochs never repeat: its readers hear every process that has its part."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A swap waits for the answers to what it has asked, whatever else comes."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path

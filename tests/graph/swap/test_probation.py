@@ -1,7 +1,5 @@
 """After a swap the old node stands by, and goes on from where the new one fails: nothing lost or repeated."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

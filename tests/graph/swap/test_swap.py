@@ -1,7 +1,5 @@
 """Hot swap on the wall clock: real processes, a thousand numbers a second, and nothing lost or repeated."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json
@@ -307,6 +305,9 @@ def test_a_second_swap_while_one_runs_hears_so_at_once(stage: Stage) -> None:
         first = pool.submit(stage.swap, "Faulty", step="configure", deed="hang")
         while {process.pid for process in palp.processes()} <= before:  # under way once it has a process
             assert not wait([first], timeout=0.01).done
+        progress = stage.graph.ask("graph", "swap_progress")
+        assert (progress["node"], tuple(progress["steps"])) == ("relay", STEPS)
+        assert progress["step"] in ("check", "start", "configure")
         second = stage.graph.swap("asker", "swap_toys:Asker", dry_run=True, timeout_s=PATIENCE_S)
         assert second["failed"]["step"] == "start"
         assert second["failed"]["text"] == "a swap of /relay is under way; ask again when it is done"
@@ -317,6 +318,7 @@ def test_a_second_swap_while_one_runs_hears_so_at_once(stage: Stage) -> None:
                         process.kill()
         assert first.result()["failed"]["step"] in ("check", "configure")
     assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=PATIENCE_S)
+    assert stage.graph.ask("graph", "swap_progress")["node"] == ""
 
 
 @pytest.mark.parametrize(

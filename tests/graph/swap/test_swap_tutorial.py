@@ -1,7 +1,5 @@
 """The tutorial's own policy takes over from the rig's, as its reader would do it."""
 
-from __future__ import annotations
-
 import re
 import signal
 from pathlib import Path

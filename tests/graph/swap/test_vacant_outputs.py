@@ -1,7 +1,5 @@
 """Outputs that only optional inputs read: a successor may lack them, and their sequence goes on after it."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A publisher waits for a reader that holds it, and hears of what its readers lose."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Reliable edges between real processes under kill, stop, theft and stall: nothing is lost that is kept."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Whom a restarted publisher waits for, and how long."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Where a publisher is, by its own word and by the run directory's."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

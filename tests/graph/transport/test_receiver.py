@@ -1,7 +1,5 @@
 """What comes into a node on the wall clock goes to its handler at once where it may, and else in its turn."""
 
-from __future__ import annotations
-
 import select
 import socket
 from collections.abc import Iterator

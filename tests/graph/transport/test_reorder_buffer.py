@@ -1,7 +1,5 @@
 """An edge on the wall clock under loss, disorder, repetition, restarts and silence."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import pytest

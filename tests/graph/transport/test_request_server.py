@@ -1,7 +1,5 @@
 """Requests that change something wait their turn, but not for one that takes long."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgpack
