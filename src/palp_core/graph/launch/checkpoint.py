@@ -37,46 +37,34 @@ _DIGEST_BYTES = 32
 _ELSEWHERE = "or begin anew, in another place"
 
 
-class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """What must be as it was, for a run to go on.
+def facts_of(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, Any]:
+    """Return what must be as it was for a run to go on, each by what messages call it.
 
-    Attributes:
-        settings: Clock, seed and arguments, each as messages call it.
-        sources: Digest of each source file of the workspace's nodes and messages, and of ``palp_core``.
+    ``runs`` are classes that have taken over nodes' work.
     """
+    facts: dict[str, Any] = {"the clock": checked.clock, "the seed": checked.seed}
+    facts |= {f"argument {name}": value for name, value in checked.args.items() if name != "seed"}
+    facts |= {
+        f"node '{spec.name}'": msgspec.to_builtins(spec) for spec in (*checked.nodes, *checked.recorders)
+    }
+    facts |= versions()
+    facts |= _sources(checked, runs)
+    kept: dict[str, Any] = msgspec.msgpack.decode(msgspec.msgpack.encode(facts))  # as they are written down
+    return kept
 
-    settings: dict[str, Any]
-    nodes: dict[str, dict[str, Any]]
-    versions: dict[str, str]
-    sources: dict[str, str]
 
-    @classmethod
-    def of(cls, checked: CheckedGraph, runs: Iterable[str]) -> RunIdentity:
-        """Return what a run of a graph is, here and now, with classes that have taken over nodes' work."""
-        settings = {"the clock": checked.clock, "the seed": checked.seed}
-        settings |= {f"argument {name}": value for name, value in checked.args.items() if name != "seed"}
-        found = cls(
-            settings=msgspec.to_builtins(settings),
-            nodes={spec.name: msgspec.to_builtins(spec) for spec in (*checked.nodes, *checked.recorders)},
-            versions=versions(),
-            sources=_sources(checked, runs),
-        )
-        return msgspec.msgpack.decode(msgspec.msgpack.encode(found), type=cls)  # as one that was kept
-
-    def differences(self, now: RunIdentity) -> list[str]:
-        found = _changed(self.settings, now.settings)
-        if not found:  # else the arguments say why nodes are otherwise
-            for name in sorted({*self.nodes, *now.nodes}):
-                before, after = self.nodes.get(name), now.nodes.get(name)
-                if before is None or after is None:
-                    found.append(f"the launch file has {'a' if before is None else 'no'} node '{name}'")
-                elif keys := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
-                    found.append(f"the launch file says otherwise of node '{name}': {', '.join(keys)}")
-        found += _changed(self.versions, now.versions)
-        names = sorted({*self.sources, *now.sources})
-        if changed := [name for name in names if self.sources.get(name) != now.sources.get(name)]:
-            found.append(f"the software has changed: {', '.join(changed)}")
-        return found
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return which facts are not as they were; where arguments differ, nodes do for that."""
+    found = {}
+    for name in dict.fromkeys((*before, *now)):
+        old, new = before.get(name), now.get(name)
+        if isinstance(old, dict) and isinstance(new, dict):
+            if keys := sorted(key for key in {*old, *new} if old.get(key) != new.get(key)):
+                found[name] = f"{name} differs in {', '.join(keys)}"
+        elif old != new:
+            found[name] = f"{name} was {_shown(old)}, and is {_shown(new)}"
+    is_given = any(name.startswith(("the ", "argument ")) for name in found)
+    return [text for name, text in found.items() if not (is_given and name.startswith("node "))]
 
 
 class KeptNode(msgspec.Struct, frozen=True, kw_only=True):
@@ -95,7 +83,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
         attached: Texts that the report keeps with all that is recorded of the run, by name.
     """
 
-    identity: RunIdentity
+    facts: dict[str, Any]
     given: list[str]
     now_ns: int
     resumed_count: int
@@ -154,7 +142,7 @@ class Checkpoints:
         self.path = None if keys is None else Path(keys.file).absolute()
         self.count = 0
         self._launched, self._given = checked, list(given)
-        self._identity: RunIdentity | None = None
+        self._facts: dict[str, Any] = {}
         self._runs: set[str] = set()
         self._lock = -1
         self._failed = ""
@@ -172,9 +160,9 @@ class Checkpoints:
     def _read(self, path: Path) -> KeptRun:
         found = read_checkpoint(path)
         self._runs = {node.run for node in found.nodes}
-        self._identity = RunIdentity.of(self._launched, self._runs)
-        if differences := found.identity.differences(self._identity):
-            lines = "".join(f"\n  {text}" for text in differences)
+        self._facts = facts_of(self._launched, self._runs)
+        if changed := differences(found.facts, self._facts):
+            lines = "".join(f"\n  {text}" for text in changed)
             raise GraphError(
                 f"{path} is of another run than this one would be:{lines}\nresume it as it was, {_ELSEWHERE}"
             )
@@ -239,10 +227,10 @@ class Checkpoints:
             if kept.get(spec.name)
         ]
         runs = {node.run for node in nodes}
-        if self._identity is None or runs != self._runs:
-            self._runs, self._identity = runs, RunIdentity.of(self._launched, runs)
+        if not self._facts or runs != self._runs:
+            self._runs, self._facts = runs, facts_of(self._launched, runs)
         checkpoint = KeptRun(
-            identity=self._identity,
+            facts=self._facts,
             given=self._given,
             now_ns=now_ns,
             resumed_count=self.resumed_count,
@@ -310,19 +298,9 @@ class CheckpointWriter:
             self._write(kept)
 
 
-def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return which values of two mappings differ, in the order of their keys."""
-    return [
-        f"{name} was {_shown(before, name)}, and is {_shown(now, name)}"
-        for name in sorted({*before, *now}, key=lambda name: (name not in ("the clock", "the seed"), name))
-        if before.get(name) != now.get(name)
-    ]
-
-
-def _shown(values: Mapping[str, Any], name: str) -> str:
-    if name not in values:
+def _shown(value: Any) -> str:
+    if value is None:
         return "not there"
-    value = values[name]
     return str(value).lower() if isinstance(value, bool) else f"'{value}'" if value == "" else str(value)
 
 
@@ -343,7 +321,7 @@ def _sources(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, str]:
     files.update((workspace / "msgs").rglob("*.py"))
     own = sorted(Path(__file__).parents[2].rglob("*.py"))
     digests = {
-        str(path.relative_to(workspace) if path.is_relative_to(workspace) else path): _digest([path])
+        f"file {path.relative_to(workspace) if path.is_relative_to(workspace) else path}": _digest([path])
         for path in sorted(files)
         if path not in own
     }
