@@ -176,30 +176,6 @@ def test_text_arguments_are_taken_as_typed(workspace: Any) -> None:
         assert description.values["subject"] == typed
 
 
-def test_types_of_one_name_that_differ_say_where(workspace: Any) -> None:
-    workspace.write(
-        "nodes/other.py",
-        """
-        from palp_core import Message, Node, Sub, on
-
-        class Belief(Message):
-            stamp_ns: int
-
-        class Other(Node):
-            belief = Sub(Belief)
-
-            @on(belief)
-            def hear(self, message): ...
-        """,
-    )
-    with pytest.raises(
-        GraphProblems, match=r"another Belief, with 'int64 stamp_ns # ns' where 'int64 stamp_ns' is"
-    ):
-        workspace.load(
-            LAUNCH.replace("nodes.policy_fixed:Fixed", "nodes.other:Other").replace("{level: 2}", "{}")
-        )
-
-
 IN_VAIN = """
     graph: a
     clock: {clock}
