@@ -34,23 +34,6 @@ def test_it_moves_no_faster_than_5_mm_per_s_and_settles() -> None:
     assert bench.executor.next_due_ns() is None
 
 
-def test_it_echoes_trial_and_iteration() -> None:
-    bench = Bench(Actuator)
-    move(bench, ring_command(0.008, 3, 5))
-    assert {(s.trial, s.iteration) for s in bench.sent(Actuator.ring_state)} == {(3, 5)}
-    assert (bench.sent(Actuator.truth)[-1].trial, bench.sent(Actuator.truth)[-1].iteration) == (3, 5)
-
-
-def test_the_error_stays_while_the_ring_does_not_move() -> None:
-    bench = Bench(Actuator)
-    first = move(bench, ring_command(0.016, iteration=1))
-    bench.feed(Actuator.command, ring_command(0.016, iteration=2))
-    state, truth = bench.sent(Actuator.ring_state)[-1], bench.sent(Actuator.truth)[-1]
-    assert (state.iteration, state.settled, state.stamp_ns) == (2, True, bench.clock.now_ns())
-    assert (truth.iteration, truth.ring_m) == (2, first)
-    assert bench.executor.next_due_ns() is None
-
-
 def test_a_command_waits_for_the_end_of_rehoming() -> None:
     bench = Bench(Actuator)
     bench.feed(Actuator.ring, HOME)

@@ -1,4 +1,4 @@
-"""Co-contraction from EMG: the same values as offline, and as many bursts as the muscles made."""
+"""Co-contraction from EMG, block by block: what the command makes of the whole recording."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ from nodes.cocontraction import Cocontraction, CoContractionParams
 from nodes.emg import Emg
 from palp_core import Bench
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
-from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
-from palp_core.palpation.perception.emg.calibration import Calibration, calibrate
-from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, find_offset
-from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.emg.settings import Crosstalk
-from palp_core.units import Float64Array
 
 RATE_HZ = 1500.0
-WINDOW_S = 0.15
 Whole = tuple[list[CoContraction], list[int]]
 
 
@@ -50,40 +44,6 @@ def processed(blocks: list[EmgBlock], **params: object) -> list[CoContraction]:
 def whole(recording: list[EmgBlock]) -> Whole:
     """What is told of the whole recording."""
     return followed(recording)
-
-
-def offline(blocks: list[EmgBlock]) -> tuple[Float64Array, Calibration]:
-    """Equations (1) to (3) on the whole recording at once, and what it is measured against."""
-    raw = [np.concatenate([b.fds_v for b in blocks]), np.concatenate([b.edc_v for b in blocks])]
-    first = (blocks[0].fds_v, blocks[0].edc_v)
-    chains = [EmgChain(find_offset(r), RATE_HZ, window_s=WINDOW_S) for r in first]
-    envelopes = np.array([chain.envelope(v) for chain, v in zip(chains, raw, strict=True)])
-    phases = np.concatenate([np.full(len(b.fds_v), b.phase) for b in blocks])
-    first_rest, second_rest = envelopes[:, : 2 * 1500], envelopes[:, phases == "rest"][:, 2 * 1500 :]
-    looks = [one[:, ::15] for one in (first_rest, second_rest, envelopes[:, phases == "mvc"])]
-    rest = np.concatenate(looks[:2], axis=1)[:, 15:]
-    known = calibrate(looks[2], rest, rate_hz=100.0, window_s=WINDOW_S)
-    return cocontraction(envelopes, known.reference)[phases == "palpation"], known
-
-
-def test_the_stream_gives_the_offline_values_to_the_bit(recording: list[EmgBlock], whole: Whole) -> None:
-    (stream, _), (value, known) = whole, offline(recording)
-    assert {c.reference_v for c in stream} == {known.reference}
-    assert np.array_equal(np.concatenate([c.value for c in stream]), value)
-
-
-def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgBlock], whole: Whole) -> None:
-    value, known = offline(recording)
-    _, at_once = BurstRule.of(RATE_HZ, known).step(BurstState(), value)
-    assert len(at_once.peaks) > 20
-    stream, _ = whole
-    ends = np.cumsum([len(c.value) for c in stream])
-    for message, end in zip(stream, ends.tolist(), strict=True):
-        assert message.burst_count == sum(one.known_at < end for one in at_once.bursts)
-        peaks = [one.level for one in at_once.peaks if one.known_at < end]
-        assert message.level_defined == bool(peaks)
-        if peaks:
-            assert message.level == to_levels(np.array(peaks)).index[-1]
 
 
 @pytest.mark.parametrize("crosstalk", ["keep", "remove"])

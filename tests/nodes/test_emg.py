@@ -32,28 +32,6 @@ def joined(blocks: list[EmgBlock]) -> tuple[Float64Array, Float64Array]:
     return np.concatenate([b.fds_v for b in blocks]), np.concatenate([b.edc_v for b in blocks])
 
 
-def test_samples_come_at_1500_hz_without_gap_or_repeat() -> None:
-    blocks = recorded()
-    starts = [round(b.start_ns * 1.5e-6) for b in blocks]
-    ends = [start + len(b.fds_v) for start, b in zip(starts, blocks, strict=True)]
-    assert starts == [0, *ends[:-1]]
-    assert ends[-1] == (BEFORE_S + 4.0) * 1500 + 1
-    assert all(len(b.fds_v) == len(b.edc_v) and b.rate_hz == 1500.0 for b in blocks)
-
-
-def test_the_phases_are_rest_mvc_rest_palpation() -> None:
-    blocks = recorded()
-    phases = [b.phase for b in blocks]
-    assert [p for i, p in enumerate(phases) if i == 0 or phases[i - 1] != p] == [
-        "rest",
-        "mvc",
-        "rest",
-        "palpation",
-    ]
-    begins_s = {p: blocks[phases.index(p)].start_ns * 1e-9 for p in ("mvc", "palpation")}
-    assert begins_s == {"mvc": pytest.approx(2.0, abs=0.06), "palpation": pytest.approx(9.0, abs=0.06)}
-
-
 def test_after_the_palpation_nothing_is_due() -> None:
     bench = Bench(Emg, {"palpation_s": 2.0})
     bench.advance(BEFORE_S + 2.0)

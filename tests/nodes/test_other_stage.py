@@ -14,6 +14,7 @@ from msgs.stage import SweepGoal
 from nodes.rig_stage import RigStage
 from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
+from palp_core.cli.rig import device_discovery
 from palp_core.cli.rig.device_discovery import device_entries, discover
 from palp_core.errors import DeviceError, GraphError, NodeError
 from palp_core.palpation.devices import registry
@@ -33,7 +34,8 @@ GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=-0.002, to_m=0.002)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Publish its name."""
     place = {"stage.made_up": "tests.support.made_up_stage:MadeUpStage"}
-    monkeypatch.setattr(registry, "published", lambda group: {**published(group), **place})
+    for module in (registry, device_discovery):
+        monkeypatch.setattr(module, "published", lambda group: {**published(group), **place})
     MadeUpStop.written.clear()
 
 

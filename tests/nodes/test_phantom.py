@@ -60,21 +60,6 @@ def test_a_path_that_ends_near_the_bead_has_no_contrast_to_be_right_in() -> None
         Bench(Phantom, {"feature": "contrast", "from_m": -0.015})
 
 
-def test_a_pose_is_answered_at_its_own_times(flat: Bench[Phantom]) -> None:
-    torque_n_m(flat)
-    contact = flat.sent(Phantom.contact)[0]
-    assert (contact.goal_id, contact.start_ns, contact.rate_hz) == (9, 3_000_000, 100.0)
-    assert len(contact.torque_n_m) == len(PATH_M)
-
-
-def test_the_truth_names_depth_rung_and_its_bound(flat: Bench[Phantom]) -> None:
-    flat.feed(Phantom.mount, mount("B", 4))
-    truth = flat.sent(Phantom.truth)[0]
-    assert (truth.code, truth.remount, truth.depth_m, truth.height_offset_m) == ("B", 4, 0.004, 0.0)
-    assert truth.rung
-    assert 0.0 < truth.bound <= 0.02
-
-
 def test_a_failing_region_is_told_once_per_mounting_and_ring(flat: Bench[Phantom]) -> None:
     torque_n_m(flat, "C")
     assert flat.sent(Phantom.guard) == []
@@ -126,21 +111,6 @@ def test_each_remount_draws_the_height_anew() -> None:
     heights_m = np.array([t.height_offset_m for t in bench.sent(Phantom.truth)])
     assert len(set(heights_m)) == 200
     assert heights_m.std() == pytest.approx(0.1e-3, rel=0.2)
-
-
-def test_the_table_is_reused_while_the_ring_stays(flat: Bench[Phantom]) -> None:
-    torque_n_m(flat)
-    table = flat.node.table
-    flat.feed(Phantom.ring, ring(0.016))
-    flat.feed(Phantom.pose, pose())
-    assert flat.node.table is table
-    flat.feed(Phantom.ring, ring(0.0161))
-    flat.feed(Phantom.pose, pose())
-    assert flat.node.table is not table
-    moved = flat.node.table
-    flat.feed(Phantom.mount, mount("A", 1))
-    flat.feed(Phantom.pose, pose())
-    assert flat.node.table is not moved
 
 
 def test_the_torque_does_not_depend_on_the_blocks(flat: Bench[Phantom]) -> None:

@@ -144,22 +144,6 @@ def test_saturated_samples_are_counted(sensor: ScriptedSensor) -> None:
     assert sum(report.faulty_count for report in bench.sent(RigTorque.load)) == 0
 
 
-def test_blocks_are_even_and_end_at_a_gap(sensor: ScriptedSensor) -> None:
-    bench = streaming(block_samples=4)
-    sensor.waiting = [
-        samples([1, 2], [0.1, 0.2]),
-        samples([3, 8, 9], [0.3, 0.4, 0.5]),
-        samples([10, 11], [0.6, 0.7]),
-    ]
-    bench.advance(0.010)
-    before, after = bench.sent(RigTorque.block)
-    assert before.torque_n_m.tolist() == [0.1, 0.2, 0.3]
-    assert after.torque_n_m.tolist() == [0.4, 0.5, 0.6, 0.7]
-    assert (before.start_ns, after.start_ns) == (1 * MS, 8 * MS)
-    assert after.rate_hz == pytest.approx(1000.0)
-    assert not before.over_phantom
-
-
 def test_every_sample_across_a_fault_and_to_the_end_is_passed_on_once_at_its_time(
     sensor: ScriptedSensor,
 ) -> None:
@@ -174,6 +158,8 @@ def test_every_sample_across_a_fault_and_to_the_end_is_passed_on_once_at_its_tim
     blocks = bench.sent(RigTorque.block)
     given = [value for block in blocks for value in block.torque_n_m.tolist()]
     assert given == values
+    assert not any(block.over_phantom for block in blocks)
+    assert blocks[0].rate_hz == pytest.approx(1000.0)
     starts_ms = [block.start_ns / MS for block in blocks]
     ends_ms = [block.start_ns / MS + 1e3 * (len(block.torque_n_m) - 1) / block.rate_hz for block in blocks]
     assert starts_ms == sorted(starts_ms)

@@ -73,10 +73,6 @@ def test_a_rate_that_does_not_divide_a_second_loses_no_instant() -> None:
     assert round(numbers[-1] / 1.5e-6) <= swept.leave_ns < round((numbers[-1] + 1) / 1.5e-6)
 
 
-def test_a_goal_is_swept_and_then_ready_for_the_next() -> None:
-    assert words(swept_once()) == ["sweeping", "swept", "ready"]
-
-
 def test_nothing_ticks_while_the_stage_is_idle() -> None:
     bench = Bench(Stage)
     assert bench.executor.next_due_ns() is None

@@ -18,14 +18,6 @@ def contact(torque_n_m: Float64Array, start_ns: int = 5_000_000) -> Contact:
     return Contact(stamp_ns=0, goal_id=1, start_ns=start_ns, rate_hz=1000.0, torque_n_m=torque_n_m)
 
 
-def test_a_block_keeps_time_rate_and_length() -> None:
-    bench = Bench(Torque)
-    bench.feed(Torque.contact, contact(np.full(50, 0.02)))
-    block = bench.sent(Torque.block)[0]
-    assert (block.start_ns, block.rate_hz, len(block.torque_n_m)) == (5_000_000, 1000.0, 50)
-    assert block.over_phantom
-
-
 def test_a_torque_beyond_the_range_is_clipped_and_counted() -> None:
     bench = Bench(Torque)
     bench.feed(Torque.contact, contact(np.array([0.0, 0.5, -0.5])))

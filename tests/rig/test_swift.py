@@ -15,6 +15,7 @@ from palp_core.graph.replay.replay import replay
 from palp_core.palpation.session.reanalysis import Methods, reanalyse
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.trials_csv import Row, read_rows
+from tests.rig.test_emulated import LENIENT
 from tests.support.palp import Palp, palp
 from tests.support.rig_session import ComposedGraph, check_here
 
@@ -133,12 +134,6 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
     palp: Palp, tmp_path: Path
 ) -> None:
     out, host = tmp_path / "out", f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
-    lenient = (
-        "shared.stale_ms:=10000.0",
-        "shared.beat_ms:=10000.0",
-        "shared.link_ms:=20000.0",
-        "answer_s:=20.0",
-    )
     few = (
         "trials:=1",
         "training:=1",
@@ -146,7 +141,7 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
     )  # for so little training none is vouched for
     small = ("policy:=fixed", *few, "rings_mm:=8, 16", f"host:={host}", f"out:={out}")
     emulated = ROOT / "launch" / "emulated.yaml"
-    done = palp.run("launch", emulated, "protocol:=swift", *small, *lenient, "--record", tmp_path / "bag")
+    done = palp.run("launch", emulated, "protocol:=swift", *small, *LENIENT, "--record", tmp_path / "bag")
     assert done.returncode == 0, done.stderr
     ends = [row for row in read_rows(out) if row.verdict == "decided"]
     assert len(ends) == 3
