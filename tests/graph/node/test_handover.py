@@ -441,3 +441,73 @@ def test_a_refused_hand_over_leaves_the_successor_inactive() -> None:
     with pytest.raises(SchemaMismatch):
         successor.take_over(msgspec.structs.replace(run.executor.hand_over(), state=b"\xc1"))
     assert successor.lifecycle.value == "inactive"
+
+
+class Total(State):
+    total: int = 0
+
+    @classmethod
+    def adopt(cls, old: object) -> Self:
+        return cls(total=old.values["total"])  # type: ignore[attr-defined]
+
+
+class Rates(Params):
+    rate_hz: float = 10.0
+
+
+class Full(Node):
+    params: Rates
+    state: Total
+    number = Sub(Word)
+    out = Pub(Word)
+    other = Pub(Word)
+    timer = Timer("rate_hz", running=False)
+    alarm = Alarm()
+
+    def on_activate(self) -> None:
+        self.timer.start()
+        self.alarm.set(8_000_000_000)
+        self.other.publish(Word(n=1))
+
+    @on(number)
+    def take(self, number: Word) -> None:
+        self.state.total += number.n
+
+    @on(timer)
+    def tick(self) -> None: ...
+
+    @on(alarm)
+    def ring(self) -> None: ...
+
+
+class Thin(Node):
+    state: Total
+    number = Sub(Word)
+    out = Pub(Word)
+
+    @on(number)
+    def take(self, number: Word) -> None:
+        self.state.total += 10 * number.n
+        self.out.publish(number)
+
+
+def test_what_only_the_old_class_has_is_as_it_was() -> None:
+    clock, frames = SimClock(), list[bytes]()
+    spec = NodeSpec(name="relay", run="m:C", inputs={"number": "/source/out"})
+    old, new = (Executor(cls, spec, clock, frames.append) for cls in (Full, Thin))
+    for executor in (old, new):
+        executor.transition(Transition.CONFIGURE)
+    old.transition(Transition.ACTIVATE)
+    before = old.ends.write_down()
+    old.pause()
+    new.take_over(old.hand_over())
+    new.node.take(Word(n=3))  # type: ignore[attr-defined]
+    old.take_back(new.full_snapshot(), list(new.ends.timed))
+    after = old.ends.write_down()
+    assert old.node.state == Total(total=30)
+    assert after["alarms"] == before["alarms"] == {"alarm": 8_000_000_000}
+    assert after["timers"] == before["timers"]
+    assert after["published"]["/relay/other"] == before["published"]["/relay/other"] == 1
+    assert after["published"]["/relay/out"] == before["published"]["/relay/out"] + 1
+    assert old.is_active
+    assert not old.paused

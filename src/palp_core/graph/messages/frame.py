@@ -19,7 +19,7 @@ from palp_core.errors import SchemaMismatch
 VERSION = 2
 _HEADER = struct.Struct("<BBHIQqQ")
 _NUL_HEADER = struct.Struct("<BBBHIQqQ")
-_WORDS = struct.Struct("<IIQqQ")  # version, kind and flags as one number
+_unpack_words = struct.Struct("<IIQqQ").unpack_from  # version, kind and flags as one number
 _PLAIN_DATA = VERSION  # as that number: a message without flags
 _SEQUENCE = struct.Struct("<Q")
 _SEQUENCE_AT = struct.calcsize("<BBHI")
@@ -98,14 +98,14 @@ def sequence_of(frame: bytes, topic_bytes: int) -> int:
 
 def parse(frame: bytes) -> Frame:
     """Split a frame of one message into its parts."""
-    end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
+    end = frame.find(0)
     try:
-        head, epoch, sequence, stamp_ns, type_hash = _WORDS.unpack_from(frame, end + 1)
+        head, epoch, sequence, stamp_ns, type_hash = _unpack_words(frame, end + 1)
         topic = frame[:end].decode()
     except (struct.error, UnicodeDecodeError) as error:
         raise SchemaMismatch(_mistake_of(frame, end)) from error
     kind = _DATA
-    if head != _PLAIN_DATA or end < 1 or not 0 < sequence <= LAST_SEQUENCE:
+    if head != _PLAIN_DATA or not 0 < end <= MAX_TOPIC_BYTES or not 0 < sequence <= LAST_SEQUENCE:
         kind = frame[end + 2]
         if mistake := _mistake_of(frame, end):
             raise SchemaMismatch(mistake)
@@ -116,7 +116,7 @@ def parse(frame: bytes) -> Frame:
 
 def _mistake_of(frame: bytes, end: int) -> str:
     """Return why bytes are not a frame, or ""; ``end`` is where its topic ends."""
-    if end < 1:
+    if not 0 < end <= MAX_TOPIC_BYTES:
         return "not a palp frame: no topic"
     if len(frame) < end + 1 + HEADER_BYTES:
         return f"not a palp frame: {len(frame)} bytes are too few for a header"
