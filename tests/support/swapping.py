@@ -248,20 +248,6 @@ class Faulty(Relay):
             do(self.params)
 
 
-class LooseFaulty(Faulty):
-    strict = False
-
-
-class SuccessorState(FaultyState):
-    pass
-
-
-class LooseSuccessor(LooseFaulty):
-    """A faulty node whose state another one adopts: of one class, it would be taken as it is."""
-
-    state: SuccessorState
-
-
 class NoviceParams(DeedParams):
     after: int = 0
 

@@ -5,10 +5,9 @@ import signal
 from pathlib import Path
 from typing import Any
 
-import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from palp_core import Message, Node, Pub, Qos
 from palp_core.graph.clock import SimClock
@@ -20,7 +19,7 @@ from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.supervision.managed_process import ManagedProcess
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
-from tests.support.palp import PATIENCE_S, Palp, own_palp, short_folder
+from tests.support.palp import PATIENCE_S, Palp
 from tests.support.stage import Stage
 from tests.support.swapping import restarting_workspace
 
@@ -207,71 +206,3 @@ class EpochsInMemory(RuleBasedStateMachine):
 
 TestEpochsInMemory = EpochsInMemory.TestCase
 TestEpochsInMemory.settings = settings(deadline=None, max_examples=40, stateful_step_count=30)
-
-
-# The same with processes, and with kills in the middle of a swap
-
-
-class EpochsOfProcesses(RuleBasedStateMachine):
-    """A graph for each example."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._palp = own_palp()
-        self._folder = short_folder()
-        self.life = Life(self._palp.__enter__(), self._folder.__enter__())
-        self.epoch = 0
-
-    def teardown(self) -> None:
-        self._palp.__exit__(None, None, None)
-        self._folder.__exit__(None, None, None)
-
-    @rule(run=st.sampled_from(["Loose", "LooseOther"]))
-    def swap(self, run: str) -> None:
-        assert "report" in self.life.swap(run)
-
-    @rule(run=st.sampled_from(["NoOut", "Plain"]))
-    def fail(self, run: str) -> None:
-        assert "failed" in self.life.swap(run)
-
-    @rule(shadow_s=st.sampled_from([0.0, 0.1]))
-    def try_only(self, shadow_s: float) -> None:
-        options = {"timeout_s": PATIENCE_S, "dry_run": True, "shadow_s": shadow_s}
-        assert "report" in self.life.graph.swap("relay", "swap_toys:LooseOther", **options)
-
-    @rule()
-    def kill(self) -> None:
-        self.life.kill()
-        self.epoch += 1
-
-    @rule(step=st.sampled_from(["configure", "state"]))
-    def kill_in_a_swap(self, step: str) -> None:
-        """The old one dies while the new one gets ready: it is restarted, and the swap is off."""
-        process = self.life.process_of("relay")
-        answer = self.life.swap("LooseFaulty", step=step, deed="kill_other", pid=process)
-        assert "failed" in answer
-        while not self.life.is_at_work(process):
-            self.life.wait_for_source()
-        self.epoch += 1
-
-    @rule()
-    def kill_what_has_handed_over(self) -> None:
-        """The old one dies when it has handed over: the new one goes on as if nothing had been."""
-        process = self.life.process_of("relay")
-        answer = self.life.swap("LooseSuccessor", step="take over", deed="kill_other", pid=process)
-        assert "report" in answer
-
-    @invariant()
-    def the_reader_hears(self) -> None:
-        self.life.hears(self.epoch)
-        assert self.life.account["repeated"] == 0
-
-
-@pytest.mark.nightly
-def test_no_order_of_swaps_and_kills_strands_a_reader() -> None:
-    run_state_machine_as_test(
-        EpochsOfProcesses,
-        settings=settings(
-            deadline=None, max_examples=10, stateful_step_count=12, suppress_health_check=list(HealthCheck)
-        ),
-    )
