@@ -69,5 +69,5 @@ def test_the_documented_table_is_the_one_that_is_walked() -> None:
         )
         for step in TABLE
     ]
-    assert "\n".join(rows) in Path(ROOT, "docs/swap.md").read_text()
+    assert "\n".join(rows) in Path(ROOT, "docs/explanation/swap.md").read_text()
     assert tuple(dict.fromkeys(step.name for step in TABLE if step.name in STEPS)) == STEPS[1:]
