@@ -35,7 +35,7 @@ from palp_core.palpation.mechanics.equilibrium.finders import brent
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
-from palp_core.palpation.studies.measures.contact import cold_cache
+from palp_core.palpation.studies.measures.mechanics import cold_cache
 
 TIP_M = 0.006
 NOMINAL_M = 0.004

@@ -42,7 +42,7 @@ from palp_core.palpation.studies.schemes import (
 )
 from palp_core.palpation.studies.session import Stopwatch, WorldPlan, begin
 from palp_core.palpation.studies.trace_table import TraceTable
-from palp_core.palpation.studies.trace_trials import model_of, run_trace_trials, settings_of
+from palp_core.palpation.studies.trials import model_of, run_trace_trials, settings_of
 from palp_core.palpation.world.model import LAB
 from palp_core.units import Float64Array
 
@@ -67,6 +67,7 @@ def whole() -> dict[str, SchemeRun]:
     return ended(PLAN, (3, 4), *GEL_SCHEMES, UNIFORM, PAPERS_RULE)
 
 
+@pytest.mark.usefixtures("whole")  # its contact models are set up
 def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     stiff = replace(RINGS, rings_m=RINGS.rings_m[1:])
     session = begin(replace(PLAN, gel=stiff, path_m=SWIFT.path_m), (3, 1))

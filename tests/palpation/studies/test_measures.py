@@ -11,8 +11,8 @@ from palp_core.errors import MechanicsError
 from palp_core.methods import names
 from palp_core.methods.measured import REFERENCE, Measured
 from palp_core.palpation.mechanics import Scene, StagePath, Tolerance
-from palp_core.palpation.studies.measures import motion
-from palp_core.palpation.studies.measures.contact import RungVariant, measure_contact, variants
+from palp_core.palpation.studies.measures import mechanics
+from palp_core.palpation.studies.measures.mechanics import RungVariant, measure_contact, variants
 
 ONE_RING = Scene(ring_m=(0.016,))
 
@@ -25,7 +25,7 @@ def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
         action()
         return 1.0
 
-    monkeypatch.setattr(motion, "cpu_s", once)
+    monkeypatch.setattr(mechanics, "cpu_s", once)
 
 
 def last(points: list[Measured]) -> dict[tuple[str, str, str], Measured]:
@@ -63,10 +63,10 @@ def test_every_rung_is_measured_the_quick_ones_first_and_the_usual_one_of_each()
 
 @pytest.mark.usefixtures("untimed")
 def test_inertia_is_what_a_fast_sweep_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(motion, "_FAST_M_S", ())
+    monkeypatch.setattr(mechanics, "_FAST_M_S", ())
     path = StagePath(from_m=-0.01, to_m=0.03, speed_m_s=0.2)
     fast = replace(ONE_RING, path=path, tolerance=Tolerance(relative=0.01))
-    found = {(one.method, one.setting): one for one in motion.measure_motion(fast)}
+    found = {(one.method, one.setting): one for one in mechanics.measure_motion(fast)}
     still = found["quasi_static", ""]
     assert still.error > 0.01
     assert "inertia moves the peak" in still.fails
@@ -76,7 +76,7 @@ def test_inertia_is_what_a_fast_sweep_lacks(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.usefixtures("untimed")
 def test_the_scenes_own_speed_is_measured_before_any_other() -> None:
     path = StagePath(from_m=-0.01, to_m=0.03, speed_m_s=0.1)
-    points = motion.measure_motion(replace(ONE_RING, path=path))
+    points = mechanics.measure_motion(replace(ONE_RING, path=path))
     first, second, third = (next(points) for _ in range(3))
     assert (first.method, first.condition, first.against) == ("quasi_static", "", "dynamic, step 2000 us")
     assert (second.method, second.against) == ("quasi_static", "dynamic, step 400 us")

@@ -25,9 +25,16 @@ from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.studies.parallel import Runner, Seed
 from palp_core.palpation.studies.plan import PAPER_PROTOCOL, SWIFT, Protocol
 from palp_core.palpation.studies.session import Indices, WorldPlan, WorldSession, begin, feature_of
-from palp_core.palpation.studies.trace_trials import draw_rings, model_of, run_trace_trials, settings_of
 from palp_core.palpation.studies.training import TrainedFeature, best_ring, train_feature
-from palp_core.palpation.studies.trials import Outcomes, chance, run_trials
+from palp_core.palpation.studies.trials import (
+    Outcomes,
+    chance,
+    draw_rings,
+    model_of,
+    run_trace_trials,
+    run_trials,
+    settings_of,
+)
 
 TRACE = "trace"
 STIFF_M = (0.008, 0.012, 0.016)

@@ -195,21 +195,12 @@ class SessionSweeps:
     surface: Float64Array  # random numbers of its track
     ring_m: float  # true position of the ring
     ends_m: tuple[float, float]  # lower and upper end of what a sweep may reach
-    _solved: dict[tuple[float, bool, float, float], WorldTrace] = field(default_factory=dict)
+    _solved: dict[tuple[float, bool, float], WorldTrace] = field(default_factory=dict)
 
-    def of(
-        self,
-        from_m: float,
-        sweep: int,
-        speed_m_s: float,
-        *,
-        forward: bool,
-        indentation_m: float | None = None,
-    ) -> WorldTrace:
-        """Return the sweep that was lowered at a position."""
+    def of(self, from_m: float, sweep: int, speed_m_s: float, *, forward: bool) -> WorldTrace:
+        """Return the sweep of a number that was lowered at a position."""
         start = round(from_m / _ALIKE_M) * _ALIKE_M
-        pressed_m = self.draws.indentation_m if indentation_m is None else indentation_m
-        key = (start, forward, speed_m_s, pressed_m)
+        key = (start, forward, speed_m_s)
         if key not in self._solved:
             self._solved[key] = trace(
                 self.touch,
@@ -217,7 +208,7 @@ class SessionSweeps:
                 self.row,
                 self.surface,
                 self.ring_m,
-                pressed_m,
+                self.draws.indentation_m,
                 start,
                 self.ends_m[1] if forward else self.ends_m[0],
                 speed_m_s=speed_m_s,

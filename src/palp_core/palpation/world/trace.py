@@ -45,7 +45,7 @@ class WorldTrace:
         columns = self._columns(stage_m)
         torque = columns[:, 0]
         if self._world.texture_sd_n_m > 0.0:
-            surface = texture_map(self._world, columns[:, 4])
+            surface = texture_map(self._world, columns[:, 3])
             torque = torque + texture(self._world, self._luck[None], surface, forward=self.forward)[0]
         if self.hertz > 0.0:
             nodes, phase = self.solved.stage_m, np.array([self._phase])
@@ -63,10 +63,6 @@ class WorldTrace:
     def lateral_n(self, stage_m: Float64Array) -> Float64Array:
         """Return the elastic drag, of the shape of ``stage_m``."""
         return np.asarray(self._columns(stage_m)[:, 2])
-
-    def angle_rad(self, stage_m: Float64Array) -> Float64Array:
-        """Return the joint's angle, of the shape of ``stage_m``."""
-        return np.asarray(self._columns(stage_m)[:, 3])
 
     def _within(self, stage_m: Float64Array) -> Float64Array:
         ends = self.solved.stage_m[[0, -1]]
@@ -116,10 +112,8 @@ def trace(
 
 
 def _curves(found: Dragged, torque_n_m: Float64Array) -> scipy.interpolate.PchipInterpolator:
-    """Return torque, normal force, drag, angle and place of the ball over rising stage positions."""
-    columns = np.stack(
-        [torque_n_m[0], found.normal_n[0], found.lateral_n[0], found.angle_rad[0], found.tip_m[0]], axis=-1
-    )
+    """Return torque, normal force, drag and place of the ball over rising stage positions."""
+    columns = np.stack([torque_n_m[0], found.normal_n[0], found.lateral_n[0], found.tip_m[0]], axis=-1)
     order = slice(None) if found.stage_m[-1] > found.stage_m[0] else slice(None, None, -1)
     return scipy.interpolate.PchipInterpolator(found.stage_m[order], columns[order])
 

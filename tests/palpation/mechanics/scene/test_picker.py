@@ -23,7 +23,7 @@ from palp_core.palpation.mechanics import ContactModel, Scene, choose_rung, rung
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.guard import states_finite_strain
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
-from palp_core.palpation.studies.measures.contact import asked_for
+from palp_core.palpation.studies.measures.mechanics import asked_for
 from palp_core.units import Float64Array
 from tests.support.random_scenes import NEAR, near_scene, random_scene, scene_of
 

@@ -23,7 +23,7 @@ from palp_core.palpation.studies.schemes import TRACE, Case, Scheme, SessionRuns
 from palp_core.palpation.studies.schemes import run as run_cases
 from palp_core.palpation.studies.session import WorldPlan, begin, worlds
 from palp_core.palpation.studies.summary import ends, paired, pareto_front, publish, some, summarise
-from palp_core.palpation.studies.trace_trials import BIN_M, model_of, settings_of
+from palp_core.palpation.studies.trials import BIN_M, model_of, settings_of
 from palp_core.units import Float64Array
 
 SEEDS = 24

@@ -23,8 +23,8 @@ from palp_core.palpation.studies.parallel import seeds
 from palp_core.palpation.studies.plan import SWIFT, Conditions, Gel
 from palp_core.palpation.studies.schemes import SURE
 from palp_core.palpation.studies.session import WorldPlan, WorldSession, begin
-from palp_core.palpation.studies.trace_trials import coarse, first_sure, model_of, settings_of
 from palp_core.palpation.studies.training import nearest
+from palp_core.palpation.studies.trials import coarse, first_sure, model_of, settings_of
 from palp_core.palpation.world.model import LAB, WorldModel
 from palp_core.units import Float64Array
 

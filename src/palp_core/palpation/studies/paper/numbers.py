@@ -7,6 +7,7 @@ named, and every statement is tested under each.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from palp_core.palpation.perception.statistics.anova import fisher
@@ -38,6 +39,7 @@ PUBLISHED = {
 
 _FIXED = {"10 of 15 cells": (10, 15), "200 of 300 trials": (200, 300), "1000 of 1500 trials": (1000, 1500)}
 _VARIED = (271, 300)
+_CHI = "chi squared over 3 depths"
 
 
 @dataclass(frozen=True)
@@ -54,45 +56,32 @@ class Statement:
 def statements() -> list[Statement]:
     """Return every statement that can be tested from counts."""
     right = np.array(list(HUMAN_RIGHT.values()))
-    depth = float(stats.chi2_contingency(np.array([right, HUMAN_OF - right])).pvalue)
     human = (int(right.sum()), HUMAN_OF * len(right))
-    found = [
-        Statement(
-            "human: depth has no significant influence", "", depth, "chi squared over 3 depths", depth >= 0.05
-        )
-    ]
-    p = fisher((HUMAN_2MM_RIGHT[0], 6), (sum(HUMAN_2MM_RIGHT[1:]), 24))
-    found.append(
-        Statement(
+    trials = fisher((HUMAN_2MM_RIGHT[0], 6), (sum(HUMAN_2MM_RIGHT[1:]), 24))
+    rows = [  # text, assumption, p, test, whether the paper states an influence
+        ("human: depth has no significant influence", "", _chi_squared(right, HUMAN_OF), _CHI, False),
+        (
             "human: the number of the trial has no significant influence",
             "at 2 mm 4 of 6, then 20 of 24",
-            p,
+            trials,
             "Fisher, first trial against the others",
-            p >= 0.05,
-        )
-    )
+            False,
+        ),
+    ]
     for name, counts in _FIXED.items():
-        p = fisher(human, counts)
-        found.append(Statement("human against fixed: no difference", f"fixed {name}", p, "Fisher", p >= 0.05))
-        p = fisher(_VARIED, counts)
-        found.append(
-            Statement(
-                "varied stiffness better than fixed",
-                f"fixed {name}, varied 271 of 300",
-                p,
-                "Fisher",
-                p < 0.05,
-            )
-        )
+        fixed, varied = f"fixed {name}", f"fixed {name}, varied 271 of 300"
+        rows.append(("human against fixed: no difference", fixed, fisher(human, counts), "Fisher", False))
+        better = fisher(_VARIED, counts)
+        rows.append(("varied stiffness better than fixed", varied, better, "Fisher", True))
         if counts[1] % 3 == 0:
             third = counts[1] // 3
-            by_depth = np.round(np.array([0.8, 0.6, 0.6]) * third).astype(int)
-            p = float(stats.chi2_contingency(np.array([by_depth, third - by_depth])).pvalue)
-            found.append(
-                Statement(
-                    "fixed: depth has a significant influence", f"fixed {name}", p, "chi squared", p < 0.05
-                )
-            )
+            p = _chi_squared(np.round(np.array([0.8, 0.6, 0.6]) * third).astype(int), third)
+            rows.append(("fixed: depth has a significant influence", fixed, p, "chi squared", True))
     p = fisher(_VARIED, human)
-    found.append(Statement("varied stiffness better than human", "varied 271 of 300", p, "Fisher", p < 0.05))
-    return found
+    rows.append(("varied stiffness better than human", "varied 271 of 300", p, "Fisher", True))
+    return [Statement(text, given, p, test, (p < 0.05) is states) for text, given, p, test, states in rows]
+
+
+def _chi_squared(right: NDArray[np.int64], count: int) -> float:
+    """Return the p-value that shares of equally many trials do not differ."""
+    return float(stats.chi2_contingency(np.array([right, count - right])).pvalue)

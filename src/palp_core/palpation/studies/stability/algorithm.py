@@ -121,26 +121,20 @@ def _naive_stationary(matrix: Float64Array) -> Float64Array:
     return np.asarray(vector / vector.sum())
 
 
-def _our_relaxation() -> float:
-    return markov.relaxation_time(CYCLE)
-
-
 def _wave(signal: Float64Array, mode: str) -> Float64Array:
     parts = pywt.wavedec(signal, "db10", mode=mode, level=5)
     return np.asarray(pywt.waverec([parts[0], *[np.zeros_like(p) for p in parts[1:]]], "db10", mode=mode))
 
 
-def _bump() -> Float64Array:
-    """Return a bump at the middle of a constant torque."""
-    return np.asarray(10.0 + 0.5 * np.exp(-0.5 * ((np.arange(4001.0) - 2000.0) / 150.0) ** 2))
+BUMP = 10.0 + 0.5 * np.exp(-0.5 * ((np.arange(4001.0) - 2000.0) / 150.0) ** 2)
+"""A bump at the middle of a constant torque."""
 
 
 def _naive_peak() -> int:
-    return int(np.argmax(_wave(_bump(), "zero")))
+    return int(np.argmax(_wave(BUMP, "zero")))
 
 
-def _step() -> Float64Array:
-    return np.repeat([0.0, 1.0], 2000)
+STEP = np.repeat([0.0, 1.0], 2000)
 
 
 def _visited(reading: str) -> int:
@@ -199,10 +193,6 @@ def _naive_anova() -> float:
 
     data = pd.DataFrame({"y": np.full(30, 0.1), "a": list("abc") * 10, "b": list("de") * 15})
     return float(anova_lm(formulas.ols("y ~ C(a) * C(b)", data=data).fit(), typ=2)["PR(>F)"].iloc[0])
-
-
-def _our_anova() -> Any:
-    return two_way(np.full(30, 0.1), list("abc") * 10, list("de") * 15, names=("a", "b"))
 
 
 def _number(found: Any) -> str:
@@ -322,7 +312,7 @@ def algorithm_cases() -> list[Case]:
             "1 / (1 - second largest real part)",
             "refused: period 3",
             lambda: float(1.0 / (1.0 - np.sort(np.linalg.eigvals(CYCLE).real)[-2])),
-            _our_relaxation,
+            lambda: markov.relaxation_time(CYCLE),
             _refused,
             _number,
         ),
@@ -344,7 +334,7 @@ def algorithm_cases() -> list[Case]:
             "zero padding, the largest value of all",
             "symmetric extension, no peak from inside the edge cone",
             _naive_peak,
-            lambda: peak(denoise(_bump()), edge=edge_cone()).index,
+            lambda: peak(denoise(BUMP), edge=edge_cone()).index,
             lambda found: not isinstance(found, Exception) and abs(found - 2000) < 20,
             lambda found: f"peak at sample {found}",
         ),
@@ -354,8 +344,8 @@ def algorithm_cases() -> list[Case]:
             "a unit step",
             "approximation only",
             "soft universal threshold, named in the record",
-            lambda: float(denoise(_step(), rule="approximation")[600:-600].max() - 1.0),
-            lambda: float(denoise(_step())[600:-600].max() - 1.0),
+            lambda: float(denoise(STEP, rule="approximation")[600:-600].max() - 1.0),
+            lambda: float(denoise(STEP)[600:-600].max() - 1.0),
             lambda found: not isinstance(found, Exception) and found < 0.02,
             lambda found: f"overshoot {found:.3g}",
         ),
@@ -410,7 +400,7 @@ def algorithm_cases() -> list[Case]:
             "statsmodels as it is",
             "not testable, with the reason",
             _naive_anova,
-            _our_anova,
+            lambda: two_way(np.full(30, 0.1), list("abc") * 10, list("de") * 15, names=("a", "b")),
             lambda found: isinstance(found, NotTestable),
             lambda found: (
                 f"not testable: {found.reason}" if isinstance(found, NotTestable) else f"p = {found:.2g}"
