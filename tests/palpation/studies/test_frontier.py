@@ -54,6 +54,7 @@ PLAN = WorldPlan(
     gel=RINGS,
 )
 UNIFORM = lab_scheme("contrast", "uniform", "threshold")
+OF_GELS = [scheme for scheme in GEL_SCHEMES if scheme.protocol == PAPER_PROTOCOL]
 PAPERS_RULE = lab_scheme(TRACE, "fixed_best", "paper")
 
 
@@ -63,8 +64,8 @@ def ended(plan: WorldPlan, seed: tuple[int, ...], *schemes: Scheme) -> dict[str,
 
 @pytest.fixture(scope="module")
 def whole() -> dict[str, SchemeRun]:
-    """What schemes of whole sweeps, and of swift ones, did in a session."""
-    return ended(PLAN, (3, 4), *GEL_SCHEMES, UNIFORM, PAPERS_RULE)
+    """What schemes of whole sweeps did in a session."""
+    return ended(PLAN, (3, 4), *OF_GELS, UNIFORM, PAPERS_RULE)
 
 
 @pytest.mark.usefixtures("whole")  # its contact models are set up
@@ -173,7 +174,7 @@ def test_what_simulating_costs_is_no_part_of_deciding(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("palp_core.palpation.studies.schemes.begin", watched)
     monkeypatch.setattr(TraceTable, "traces", take_long)
-    for run in ended(PLAN, (3, 4), UNIFORM, GEL_SCHEMES[2]).values():
+    for run in ended(PLAN, (3, 4), UNIFORM, OF_GELS[2]).values():
         assert run.cpu_s == 0.0
     assert now_s[0] > 0.0
 
@@ -226,9 +227,9 @@ def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: dict[str, 
 def test_a_filter_chooses_its_contact_model_by_what_it_reads_whatever_the_gel_is(
     whole: dict[str, SchemeRun],
 ) -> None:
-    runs = [{scheme.name: whole[scheme.name] for scheme in GEL_SCHEMES}]
+    runs = [{scheme.name: whole[scheme.name] for scheme in OF_GELS}]
     rows = gel_rows({"l2": runs, "l4": runs})
-    assert [row["gel"] for row in rows] == ["l2"] * len(GEL_SCHEMES) + ["l4"] * len(GEL_SCHEMES)
+    assert [row["gel"] for row in rows] == ["l2"] * len(OF_GELS) + ["l4"] * len(OF_GELS)
     chosen = {(row["reading"], row["filter"]) for row in rows}
     assert chosen == {("peak", "l2"), ("contrast", "l4"), ("trace", "l4, l2")}
     assert set(PLAN.table(PLAN.gel).rungs) == {"l4", "l2"}  # it has to be right all along the sweep
