@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
-from palp_core.graph.bag.convert import BagForm, convert
+from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.graph.bag.ros2.export_bag import message_texts
 
@@ -39,7 +39,7 @@ def rich(tmp_path: Path, kit: Any) -> Path:
 
 
 def test_rosbags_reads_the_ros_2_bag(rich: Path, tmp_path: Path) -> None:
-    assert convert(rich, tmp_path / "ros", BagForm.ROS2) == 3
+    assert convert(rich, tmp_path / "ros", "ros2") == 3
     store = get_typestore(Stores.EMPTY)
     with Reader(tmp_path / "ros") as reader:
         (connection,) = reader.connections
@@ -89,12 +89,12 @@ def test_a_topic_without_a_schema_is_named_and_leaves_no_half_bag(tmp_path: Path
     stranger = kit.frame("/cup/mode", kit.Mode(stamp_ns=0, level=2.0), 1, 0)
     bag, _ = kit.record(tmp_path / "run", [(0, stranger)])
     with pytest.raises(BagError, match="/cup/mode: without a schema"):
-        convert(bag, tmp_path / "ros", BagForm.ROS2)
+        convert(bag, tmp_path / "ros", "ros2")
     assert not (tmp_path / "ros").exists()
 
 
 def test_json_messages_have_lists_and_a_root_that_is_an_object(rich: Path, tmp_path: Path) -> None:
-    assert convert(rich, tmp_path / "json", BagForm.JSON) == 3
+    assert convert(rich, tmp_path / "json", "json") == 3
     with (tmp_path / "json/json_0.mcap").open("rb") as file:
         found = list(make_reader(file, validate_crcs=True).iter_messages())
     schema, channel, message = found[2]
@@ -116,7 +116,7 @@ def test_json_messages_have_lists_and_a_root_that_is_an_object(rich: Path, tmp_p
 
 
 def test_tables_read_back_as_they_were(bag: Path, rich: Path, tmp_path: Path, kit: Any) -> None:
-    assert convert(bag, tmp_path / "csv", BagForm.CSV) == 202
+    assert convert(bag, tmp_path / "csv", "csv") == 202
     with (tmp_path / "csv/torque.block.csv").open(newline="") as file:
         table = list(csv.DictReader(file))
     torque_n_m = to_numpy(bag, "/torque/block", "torque_n_m")
@@ -125,17 +125,17 @@ def test_tables_read_back_as_they_were(bag: Path, rich: Path, tmp_path: Path, ki
     )
     assert table[7]["sequence"] == "8"
     assert table[7]["place.depth_m"] == "0.0"
-    assert convert(rich, tmp_path / "rich-csv", BagForm.CSV) == 3
+    assert convert(rich, tmp_path / "rich-csv", "csv") == 3
     with pytest.raises(BagError, match="exists already"):
-        convert(bag, tmp_path / "csv", BagForm.CSV)
+        convert(bag, tmp_path / "csv", "csv")
 
 
 def test_parquet_reads_back_and_says_what_it_needs(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if pq := pytest.importorskip("pyarrow.parquet"):
-        assert convert(bag, tmp_path / "there", BagForm.PARQUET) == 202
+        assert convert(bag, tmp_path / "there", "parquet") == 202
         assert pq.read_table(tmp_path / "there/torque.block.parquet").num_rows == 200
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(BagError, match=re.escape(install_line("parquet"))):
-        convert(bag, tmp_path / "parquet", BagForm.PARQUET)
+        convert(bag, tmp_path / "parquet", "parquet")

@@ -11,8 +11,8 @@ from mcap.writer import Writer
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.extras import install_line
-from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.edit import rewrite
+from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.mcap.chunk import open_chunk, split_chunk
 from palp_core.graph.bag.mcap.compression import compressor, decompress
 from palp_core.graph.bag.mcap.records import (
@@ -149,9 +149,9 @@ def test_nothing_is_saved_from_nothing(tmp_path: Path) -> None:
 
 def test_ros_2_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(BagError, match="exists already"):
-        convert(bag, tmp_path, BagForm.ROS2)
+        convert(bag, tmp_path, "ros2")
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     with pytest.raises(BagError, match=re.escape(install_line("rosbag"))):
-        convert(bag, tmp_path / "ros", BagForm.ROS2)
+        convert(bag, tmp_path / "ros", "ros2")
     with pytest.raises(BagError, match=re.escape(install_line("rosbag"))):
         import_bag(tmp_path / "rosbag", tmp_path / "palp.mcap")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.bag.convert import BagForm, convert
+from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.foxglove.graph_access import MOST_BYTES, from_json, schema_text, to_json
 from palp_core.graph.messages.message import decode_any, encode_any
@@ -31,7 +31,7 @@ SCHEMA: dict[str, Any] = {
 
 
 def test_viewers_get_what_a_bag_of_json_has(tmp_path: Path) -> None:
-    convert(GOLDEN, tmp_path / "json", BagForm.JSON)
+    convert(GOLDEN, tmp_path / "json", "json")
     with Bag(GOLDEN) as bag, Bag(tmp_path / "json") as converted:
         for (stream, *_, payload), (other, *_, text) in zip(
             bag.recorded(), converted.recorded(), strict=True

@@ -14,7 +14,6 @@ from palp_core.cli.output import note, print_json, print_text, show
 from palp_core.cli.running import find_graph
 from palp_core.counted import counted
 from palp_core.errors import BagError
-from palp_core.graph.bag.convert import BagForm, convert, writing
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
@@ -143,7 +142,7 @@ def convert_bag(
     bag: Annotated[Path, argument("A bag's folder or file; with --from: a rosbag2.")],
     out: OutOption,
     *,
-    to: Annotated[BagForm | None, option("What it becomes.")] = None,
+    to: Annotated[Literal["ros2", "json", "csv", "parquet"] | None, option("What it becomes.")] = None,
     from_: Annotated[
         Literal["ros2"] | None, option("Make a palp bag of a rosbag2 (MCAP or SQLite).", "--from")
     ] = None,
@@ -159,8 +158,10 @@ def convert_bag(
     """
     if (to is None) == (from_ is None):
         raise BagError("give either --to FORM or --from ros2")
-    if types is not None and to is not BagForm.ROS2:
+    if types is not None and to != "ros2":
         raise BagError("--types is for --to ros2")
+    from palp_core.graph.bag.forms import convert, writing
+
     if from_ is not None:
         from palp_core.graph.bag.reader import topic_selection
         from palp_core.graph.bag.ros2.import_bag import import_bag

@@ -30,7 +30,6 @@ class EpochAccount:
         return self.next != 1
 
     def add(self, sequence: int) -> None:
-        """Take a message into account."""
         if self.next is None:
             self.next = self._first = sequence
         if sequence == self.next:
@@ -63,7 +62,6 @@ class EpochAccount:
         return last
 
     def lacks(self, sequence: int) -> bool:
-        """Tell whether a message is known to be missing."""
         return any(first <= sequence <= last for first, last in self._gaps)
 
     @property
@@ -128,5 +126,4 @@ class TopicAccount:
 
     @property
     def lost(self) -> int:
-        """How many messages are missing."""
         return sum(gap.count for gap in self.gaps)

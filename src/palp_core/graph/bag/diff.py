@@ -24,14 +24,11 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
     b: Any
 
     def text(self) -> str:
-        """Say it in words."""
         where = f"message {self.place} (epoch {self.epoch}, sequence {self.sequence})"
         return f"{where}: {self.field or 'message'}: {self.a} != {self.b}"
 
 
 class TopicDiff(msgspec.Struct, kw_only=True):
-    """How one topic compares."""
-
     count_a: int = 0
     count_b: int = 0
     equal_count: int = 0

@@ -1,15 +1,17 @@
-"""A bag as JSON messages, and as flat tables, one per topic: CSV and Parquet."""
+"""A bag as what other tools open: JSON messages, flat tables, one per topic (CSV and Parquet), a rosbag2."""
 
 import contextlib
 import csv
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
+from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.stream import Stream, decoder_for
@@ -19,6 +21,23 @@ from palp_core.graph.messages.schema_types import plain
 
 HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
 PARQUET_ROWS = 8192
+Form = Literal["ros2", "json", "csv", "parquet"]
+
+
+def convert(bag: str | Path, out: str | Path, form: Form) -> int:
+    """Write a bag in another form; return how many messages there are."""
+    from palp_core.graph.bag.ros2 import export_bag
+
+    writers: dict[Form, Callable[[str | Path, str | Path], int]] = {
+        "ros2": export_bag.write, "json": write_json, "csv": write_csv, "parquet": write_parquet,
+    }  # fmt: skip
+    with writing(bag, out):
+        return writers[form](bag, out)
+
+
+def writing(bag: str | Path, out: str | Path) -> AbstractContextManager[object]:
+    """Turn what goes wrong as a bag is written in another form into a BagError."""
+    return catch_foreign(f"{out} cannot be written", BagError, f"it lacks a part of {bag}: remove it")
 
 
 def write_json(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> int:
@@ -120,7 +139,6 @@ def write_parquet(bag: str | Path, out: str | Path) -> int:
 
 
 def _new_folder(out: str | Path) -> Path:
-    """Make the folder of the tables."""
     folder = Path(out)
     try:
         folder.mkdir(parents=True)

@@ -18,8 +18,6 @@ _LARGEST_BYTES = 4 << 20
 
 
 class FilePart(msgspec.Struct, frozen=True):
-    """One file of a bag: its name, times and number of messages."""
-
     name: str
     start_ns: int
     end_ns: int
@@ -32,7 +30,6 @@ def write_metadata(
     files: Sequence[FilePart],
     custom: Mapping[str, str],
 ) -> None:
-    """Write the file whole or not at all."""
     filled = [part for part in files if part.message_count]
     start_ns = min((part.start_ns for part in filled), default=0)
     end_ns = max((part.end_ns for part in filled), default=0)

@@ -84,7 +84,6 @@ class Bag(AbstractContextManager["Bag"]):
         self.close()
 
     def close(self) -> None:
-        """Close its files."""
         for file in self.files:
             file.close()
 

@@ -56,7 +56,6 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def complete(self) -> bool:
-        """Nothing is missing."""
         return (
             not self.unreadable
             and not self.unheard
@@ -85,8 +84,6 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Route(NamedTuple):
-    """Where a stream's messages go."""
-
     topic: str
     stream: int
     account: EpochAccount
@@ -127,7 +124,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
 
     @property
     def taken(self) -> int:
-        """Messages recorded so far."""
         return sum(account.count for account in self._accounts.values())
 
     def describe(self, topic: Topic) -> None:
@@ -188,7 +184,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._writer.attach(name, data, media_type_of(name))
 
     def summary(self) -> RecordingSummary:
-        """Return the account so far."""
         topics = {}
         for name, account in sorted(self._accounts.items()):
             refused = self._refused.get(name, 0)
@@ -268,6 +263,5 @@ def _builtin(name: str, type_hash: int) -> Topic | None:
 
 
 def media_type_of(name: str) -> str:
-    """Return the media type of an attachment by its name."""
     known = {".yaml": "application/yaml", ".json": "application/json", ".txt": "text/plain"}
     return known.get(Path(name).suffix, "application/octet-stream")

@@ -44,7 +44,6 @@ class RecoverReport(msgspec.Struct, kw_only=True):
     complete: bool = True
 
     def text(self) -> str:
-        """Say it in words."""
         lines = [f"{counted(sum(self.message_count.values()), 'message')} saved; {self.damage()}"]
         if self.unverified_count:
             lines.append(f"no CRC covers {self.unverified_count} of them: they may be wrong")
@@ -117,7 +116,6 @@ class _Saver:
         self._streams: dict[tuple[Path, int], Stream | None] = {}
 
     def save(self, found: Salvage, messages: list[RawMessage]) -> int:
-        """Save messages of a file; return how many."""
         saved = 0
         for channel, low, log_ns, publish_ns, payload in messages:
             place = found.path, channel
@@ -141,7 +139,6 @@ class _Saver:
 
 
 def _stream(found: Salvage, channel: int) -> Stream | None:
-    """Return what a channel stands for; None if its definition is gone."""
     try:
         entry = found.channels[channel]
         return Stream.of(entry, found.schemas[entry.schema_id] if entry.schema_id else None)

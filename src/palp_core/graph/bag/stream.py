@@ -35,7 +35,6 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What tells one stream from another."""
         return (
             self.topic.name,
             self.topic.type,
@@ -47,14 +46,12 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def schema(self, id_: int) -> Schema:
-        """Return the schema's record."""
         data = self.foreign_schema
         if self.schema_encoding == SCHEMA_ENCODING:
             data = json.dumps(self.topic.json_schema, separators=(",", ":")).encode()
         return Schema(id=id_, name=self.topic.type, encoding=self.schema_encoding, data=data)
 
     def channel(self, id_: int, schema_id: int) -> Channel:
-        """Return the channel's record."""
         metadata = {"epoch": str(self.epoch)}
         if self.topic.type_hash:
             metadata["type_hash"] = self.topic.type_hash

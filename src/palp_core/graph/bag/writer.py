@@ -115,7 +115,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             self._extras.append(attachment)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a metadata record, to this file and to each later one."""
         metadata = Metadata(name, dict(values))
         self._file.add_metadata(metadata)
         self._extras.append(metadata)

@@ -23,8 +23,6 @@ NOT_OPERATED = "this graph moves something real; start palp bridge foxglove with
 
 
 class ServiceType(NamedTuple):
-    """A service of a node: names and JSON Schemas of request and reply."""
-
     node: str
     port: str
     request_name: str
@@ -129,7 +127,6 @@ def full_names(by_node: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Return node and parameter of ``/node.parameter``."""
     node, _, parameter = name.removeprefix("/").partition(".")
     return node, parameter
 

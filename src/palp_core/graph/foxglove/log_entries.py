@@ -38,7 +38,6 @@ _TYPES: dict[str, type[GraphEvent | NodeEvent | DiagnosticStatus]] = {
 
 
 def tells(type_hash: str) -> bool:
-    """Tell whether messages of a type belong into the log."""
     return type_hash in _TYPES
 
 

@@ -50,16 +50,12 @@ _CAPABILITIES = [Capability.Parameters, Capability.Services, Capability.Time, Ca
 
 
 class SubscriptionChange(NamedTuple):
-    """A viewer has begun, or ceased, to look at a topic."""
-
     viewer: int
     topic: str
     begins: bool
 
 
 class Viewers(ServerListener):
-    """Takes what viewers want."""
-
     def __init__(self, access: GraphAccess) -> None:
         self._access = access
         # In order, who has begun or ceased to look at what, and why parameters were not set.
@@ -216,7 +212,6 @@ class FoxgloveServer:
             self._watched.leave([change.topic])
 
     def _history(self, topic: Topic) -> list[Frame]:
-        """Return the latched messages of a topic, for whoever comes late."""
         if not topic.latched_depth or topic.node in self._silent:
             return []  # of who is silent it comes when the node answers again
         try:
@@ -273,7 +268,6 @@ class FoxgloveServer:
             self._describe()
 
     def _take(self, now: Description) -> None:
-        """Offer what the graph has now."""
         self._topics, self._silent = now.topics, now.silent
         shown = {name: topic for name, topic in self._topics.items() if not hidden(name)}
         for name in [n for n, old in self._shown.items() if n not in shown or _differ(old.topic, shown[n])]:

@@ -21,7 +21,6 @@ class ListenPlan(NamedTuple):
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Split ``tcp://HOST:PORT``."""
     found = _ADDRESS.fullmatch(address)
     port = 0 if found is None or found["port"] == "*" else int(found["port"])
     if found is None or port > 65535:

@@ -124,7 +124,6 @@ class JoinedGraph:
                 self.lost = message
 
     def wait_for(self, kind: type[Wanted]) -> Wanted:
-        """Wait for a message of a kind."""
         while True:
             for message in self._received:
                 if isinstance(message, kind):
@@ -136,14 +135,11 @@ class JoinedGraph:
             self.receive()
 
     def close(self) -> None:
-        """Say goodbye and end the connection."""
         self.send(self.goodbye)
         self._thread.join(CLOSE_TIMEOUT_S)
 
 
 class _Bridge:
-    """One connection to a gateway."""
-
     def __init__(
         self, address: Address, folder: Path, outbox: _Mailbox, report: Callable[[object], None]
     ) -> None:

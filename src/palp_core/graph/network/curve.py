@@ -44,8 +44,6 @@ _CANNOT_DECIPHER = int(zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC)
 
 
 class Sent(Enum):
-    """What became of a message."""
-
     QUEUED = 1
     FULL = 2
     GONE = 3

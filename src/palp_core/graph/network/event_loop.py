@@ -50,14 +50,12 @@ class EventLoop:
             socket.close()
 
     def turn(self, timeout_s: float) -> None:
-        """Wait until something can be read, or for a while, and call the handlers."""
         for socket, _ in self._poller.poll(max(round(timeout_s * 1e3), 0)):
             handle = self._handlers.get(socket)
             if handle is not None:  # an earlier handler of this turn may have closed it
                 handle()
 
     def close(self, linger_ms: int = 0) -> None:
-        """Close every socket."""
         self.context.destroy(linger=linger_ms)
         self._sockets.clear()
 

@@ -95,8 +95,6 @@ class RejectedPeers:
 
 
 class Gateway:
-    """A graph's gateway."""
-
     def __init__(
         self,
         channel: MessageChannel[join_protocol.ToGateway],
@@ -148,7 +146,6 @@ class Gateway:
         self._event_loop.close(linger_ms=500)
 
     def turn(self, timeout_s: float) -> None:
-        """Wait for what comes, or for a while, and handle it."""
         self._event_loop.turn(timeout_s)
         if monotonic_ns() >= self._next_beat_ns:
             self._beat()
@@ -231,7 +228,6 @@ class Gateway:
 
     @property
     def joined(self) -> list[tuple[join_protocol.JoinRequest, Peer]]:
-        """The nodes of other hosts, and where they are."""
         return [(peer.request, peer) for peer in self._relay.peers.values() if peer.request is not None]
 
     def _names(self) -> set[str]:
@@ -245,7 +241,6 @@ class Gateway:
         return int(known.type_hash, 16) if known is not None else None
 
     def _whole(self) -> join_protocol.GraphView:
-        """Return the graph with those who have joined it."""
         nodes, topics = list(self._view.nodes), dict(self._view.topics)
         for request, _ in self.joined:
             nodes.append(request.name)

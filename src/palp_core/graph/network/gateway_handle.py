@@ -36,8 +36,6 @@ _DECODER: msgspec.msgpack.Decoder[join_protocol.FromGateway] = msgspec.msgpack.D
 
 
 class Report(Protocol):
-    """Publishes an event of the graph."""
-
     def __call__(self, kind: str, node: str, text: str, /, **data: object) -> object: ...
 
 

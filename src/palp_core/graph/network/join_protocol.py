@@ -94,8 +94,6 @@ class ClockSample(JoinMessage, frozen=True, kw_only=True, tag="clock"):
 
 
 class Join(JoinMessage, frozen=True, kw_only=True):
-    """Ask to be let into the graph."""
-
     request: JoinRequest
 
 
@@ -119,14 +117,10 @@ class Active(JoinMessage, frozen=True, kw_only=True):
 
 
 class Subscribe(JoinMessage, frozen=True, kw_only=True):
-    """Send a topic of yours."""
-
     topic: str
 
 
 class Unsubscribe(JoinMessage, frozen=True, kw_only=True):
-    """Send it no longer."""
-
     topic: str
 
 
@@ -139,8 +133,6 @@ class Request(JoinMessage, frozen=True, kw_only=True):
 
 
 class Reply(JoinMessage, frozen=True, kw_only=True):
-    """The answer to it."""
-
     envelope: Envelope
     body: bytes
 
@@ -221,7 +213,6 @@ FromGateway = Listening | JoinRefused | NodeJoined | NodeReported | GatewayEvent
 
 
 def decode_message(parts: list[bytes]) -> JoinMessage:
-    """Return a message that has arrived."""
     if len(parts) != 1 or len(parts[0]) > LARGEST_MESSAGE_BYTES:
         raise SchemaMismatch(f"a message of {len(parts)} parts, or too long")
     try:
@@ -231,12 +222,10 @@ def decode_message(parts: list[bytes]) -> JoinMessage:
 
 
 def is_hello(parts: list[bytes]) -> bool:
-    """Tell whether a message is the first of a caller."""
     with contextlib.suppress(SchemaMismatch):
         return isinstance(decode_message(parts), JoinHello)
     return False
 
 
 def is_frame(parts: list[bytes]) -> bool:
-    """Tell whether a message is a frame of a topic."""
     return parts[0][:1] == b"/" and len(parts) <= 2

@@ -101,7 +101,6 @@ def _advice(port: NodePort, view: GraphView) -> str:
 
 
 def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> JoinRequest:
-    """Return what a node says of itself."""
     subs = {port.name: port for port in _ports(described, "sub")}
     return JoinRequest(
         name=spec.name,

@@ -44,7 +44,6 @@ class OwnKeys(msgspec.Struct, frozen=True):
 
 
 def is_key(text: str) -> bool:
-    """Tell whether a text has the form of a key."""
     return _KEY.fullmatch(text) is not None
 
 
@@ -73,7 +72,6 @@ class KeyFolder:
         return OwnKeys(file.stem, public, secret)
 
     def generate(self, name: str, *, force: bool = False) -> OwnKeys:
-        """Make the own pair."""
         _check_name(name)
         self._make_folder(self.path)
         with locked_path(self.path):
@@ -92,7 +90,6 @@ class KeyFolder:
         return OwnKeys(name, public, secret)
 
     def public_file(self, own: OwnKeys) -> Path:
-        """Return the file that is handed to other hosts."""
         return self.path / f"{own.name}.public"
 
     # Who is let in

@@ -41,8 +41,6 @@ _LOG = logging.getLogger("palp.gateway")
 
 
 class Peer:
-    """The other end of one connection."""
-
     def __init__(self, transmit: Callable[[list[bytes]], Sent], key: str = "", address: str = "") -> None:
         self._transmit = transmit
         self.key, self.address = key, address
@@ -218,8 +216,6 @@ class Tap:
 
 
 class Relay:
-    """Both directions at once."""
-
     def __init__(
         self,
         event_loop: EventLoop,
@@ -379,7 +375,6 @@ class Relay:
         return {topic.encode() for topic in topics} & self._subscribers.keys() <= self._read
 
     def tick(self, now_ns: int) -> None:
-        """Look for local publishers that moved on unnoticed; due at every beat."""
         self._tap.tick(now_ns)
 
     def _on_local_frame(self, topic: bytes, parts: list[bytes]) -> None:

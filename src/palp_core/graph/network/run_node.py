@@ -126,7 +126,6 @@ def _placed(
 
 
 def _run_and_name(run: str, name: str | None) -> tuple[str, str]:
-    """Return what to run, with the whole path of a file, and the running name."""
     module, _, class_name = run.rpartition(":")
     if module.endswith(".py"):
         run = f"{Path(module).resolve()}:{class_name}"
@@ -139,7 +138,6 @@ def _run_and_name(run: str, name: str | None) -> tuple[str, str]:
 
 
 def _supervise(supervisor: Supervisor) -> int:
-    """Run a node that is alone; return its exit status."""
     supervisor.start()
     supervisor.on_new_process()
     return supervisor.run_wall()

@@ -81,7 +81,6 @@ class LiveFeed:
         return self._reader.ended
 
     def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
-        """Ask a topic's publisher for what is missing."""
         question = _Question(epoch, first, last, monotonic_ns())
         if not self._questions:
             self._answered_ns = question.asked_ns
@@ -92,7 +91,6 @@ class LiveFeed:
 
     @property
     def asking(self) -> bool:
-        """Whether answers are to come."""
         return bool(self._questions)
 
     def answered_since(self, since_ns: int) -> bool:
@@ -116,7 +114,6 @@ class LiveFeed:
         return max(monotonic - self.start_ns, 0)
 
     def find_start(self) -> None:
-        """Ask the launcher when the graph has started, if that is not known."""
         try:
             clock = self._reader.graph.ask("graph", "clock", timeout_s=0.5)
         except GraphError:

@@ -45,8 +45,6 @@ QUIET_TURNS = 4
 
 
 class LiveRecorder:
-    """Follows a graph and records it."""
-
     def __init__(
         self, graph: RunningGraph, params: RecorderParams, say: Callable[[str], None], *, from_start: bool
     ) -> None:
@@ -132,7 +130,6 @@ class LiveRecorder:
         return f"{out}: {summary.text()}"
 
     def abandon(self) -> None:
-        """Leave a bag that cannot be written any more."""
         self._sink.abandon()
         self._feed.close()
 
@@ -196,7 +193,6 @@ class LiveRecorder:
             self._add({n: live for n, live in live_topics(self._graph).items() if n not in self._known})
 
     def _keep_launch(self) -> None:
-        """Keep what the graph has become by a swap."""
         with contextlib.suppress(GraphError):  # it is about to end: what was known stays
             now = launch_attachment(self._graph.ask("graph", "launch", timeout_s=ANSWER_S))
             if now != self._attached[LAUNCH_ATTACHMENT]:

@@ -41,7 +41,6 @@ def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
 def attachments(
     provenance: dict[str, Any], params: dict[str, dict[str, Any]] | None = None
 ) -> dict[str, bytes]:
-    """Return a bag's attachments by name."""
     from palp_core.graph.bag.rounds import NODES_ATTACHMENT
 
     launched = {spec["name"]: spec["params"] for spec in provenance[_NODES]}

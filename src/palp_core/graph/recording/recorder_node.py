@@ -41,7 +41,6 @@ class Recorder(Node):
     _recorder: LiveRecorder | None = None
 
     def on_graph_ready(self, run_dir: str) -> None:
-        """Hear every topic."""
         record = read_record(Path(run_dir))
         assert record is not None
         self._recorder = LiveRecorder(RunningGraph(record), self.params, self.log.info, from_start=True)
@@ -55,14 +54,12 @@ class Recorder(Node):
 
     @on(turn)
     def receive(self) -> None:
-        """Record what has arrived."""
         assert self._recorder is not None
         more = self._recorder.turn(wait_ms=0)
         self.turn.set(self.now_ns() + (0 if more else PERIOD_NS))
 
     @serve(save)
     def save_snapshot(self, _: SaveSnapshot) -> SnapshotSaved:
-        """Write the messages that are kept in memory, if any are."""
         if self._recorder is None or not self.params.snapshot_s:
             return SnapshotSaved(text="")
         try:

@@ -42,7 +42,6 @@ def rooted(topics: Iterable[str]) -> list[str]:
 
 
 def new_writer(params: RecorderParams, out: str | Path) -> BagWriter:
-    """Return the writer of a recorder's bag."""
     return BagWriter(
         out,
         compression=params.compression,
@@ -53,7 +52,6 @@ def new_writer(params: RecorderParams, out: str | Path) -> BagWriter:
 
 
 def snapshot_name(out: str, number: int) -> str:
-    """Return the name of a recorder's snapshot, by its number from 0."""
     return f"{out}-{number}" if number else out
 
 

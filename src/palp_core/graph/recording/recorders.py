@@ -73,7 +73,6 @@ class Recorders:
             bags.append(spec.params["out"])
 
     def observe(self, now_ns: int, frame: bytes) -> None:
-        """Simulated clock: take a frame."""
         for writer in self._writers:
             try:
                 writer(now_ns, frame)
@@ -116,7 +115,6 @@ class Recorders:
 
     @property
     def text(self) -> str:
-        """What to say about the bags; "" if there are none."""
         return "\n".join(text for _, text in self._results)
 
 
@@ -158,7 +156,6 @@ class LockstepRecorder:
         return summary.complete, f"{self._out}: {summary.text()}"
 
     def fail(self, error: OSError) -> str:
-        """Leave a bag that cannot be written any more; return what to say."""
         self._recorder.abandon()
         return cannot_write(self._out, error)
 

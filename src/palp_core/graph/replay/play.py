@@ -156,7 +156,6 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
         )
 
     def toggle(self, now_ns: int) -> None:
-        """Pause, or go on."""
         self._rebase(now_ns)
         self.paused = not self.paused
 
@@ -222,7 +221,6 @@ class PlayRun:
         return self._sockets.pending()
 
     def reader_count(self) -> int:
-        """Return how many subscriptions there are."""
         return self._sockets.publisher.subscription_count
 
     def close(self) -> None:

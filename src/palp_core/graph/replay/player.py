@@ -64,7 +64,6 @@ def span_ns(bag: Bag) -> tuple[int, int]:
 
 
 def begin_ns(bag: Bag, start_offset_s: float) -> int:
-    """Return the log time that players count from, in ns."""
     first_ns, _ = span_ns(bag)
     return (first_ns if first_ns > TOGETHER_NS else 0) + round(start_offset_s * 1e9)
 
@@ -105,7 +104,6 @@ def recorded_class(topic: Topic) -> type[Message]:
 
 
 def _outputs(node: str, params: Mapping[str, Any], known: Mapping[str, Topic]) -> dict[str, str]:
-    """Return the recorded topic of each output of a player."""
     return params.get("topics") or {n.split("/")[2]: n for n in known if n.split("/")[1] == node}
 
 

@@ -49,8 +49,6 @@ class Divergence(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NodeReplay(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of one node."""
-
     node: str
     consumed: int  # entries of its written order
     compared: int  # outputs that were equal
@@ -319,7 +317,6 @@ def _executor(spec: NodeSpec, workspace: str, clock: SimClock, frames: list[byte
 
 
 def _differing_fields(recorded: bytes, replayed: bytes) -> str:
-    """Say which fields of a message differ."""
     before, now = decode_any(dict[str, Any], recorded), decode_any(dict[str, Any], replayed)
     names = [name for name in before.keys() | now.keys() if before.get(name) != now.get(name)]
     return "; ".join(

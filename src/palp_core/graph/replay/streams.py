@@ -14,7 +14,6 @@ Key = tuple[int, int]
 
 
 def key_of(message: RecordedMessage) -> Key:
-    """Return a message's epoch and sequence."""
     return message.stream.epoch, message.sequence
 
 

@@ -51,8 +51,6 @@ def clock_offset_ns(graph: RunningGraph) -> int:
 
 
 class Ros2Bridge:
-    """The bridge, from its beginning to its end."""
-
     def __init__(
         self,
         graph: RunningGraph,
@@ -130,7 +128,6 @@ class Ros2Bridge:
         raise KeyboardInterrupt
 
     def run(self) -> None:
-        """Carry messages over until the graph ends."""
         while not self._reader.ended:
             self._reader.turn(self._take)
             self._report_losses()
@@ -176,7 +173,6 @@ class Ros2Bridge:
         return send
 
     def _publish_latched(self, topic: Topic, outlet: _Outlet) -> None:
-        """Publish what a latched topic of the graph holds."""
         for frame in self._graph.history(topic.node, topic.name):
             outlet.send(frame, Times(frame.stamp_ns, self._offset_ns))
             outlet.last = (frame.epoch, frame.sequence)

@@ -67,8 +67,6 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """What one function of a map lets cross."""
-
     kind: Kind
     mark: Mark
     palp: str  # topic, external port or service of the graph; of ``parameters`` a node, "" for all
@@ -89,7 +87,6 @@ class Entry:
 
     @property
     def nodes(self) -> list[str]:
-        """The nodes of the graph that it names."""
         return [name.split("/")[1] for name in (self.palp, self.to) if name]
 
     def to_ros2(self, payload: bytes | memoryview, times: Times) -> Iterator[tuple[int, Any]]:

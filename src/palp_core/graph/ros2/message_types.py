@@ -75,7 +75,6 @@ def _text(name: str, folder: str | Path) -> str:
 
 
 def _parts(name: str, text: str) -> list[str]:
-    """Return the message types within a type."""
     from rosbags.typesys import get_types_from_msg
 
     with catch_foreign(f"{name}: its definition cannot be read", GraphError):

@@ -21,7 +21,6 @@ Arrived = Callable[[bytes, dict[str, Any]], None]
 
 
 def require() -> None:
-    """Check that rclpy can be imported."""
     try:
         import rclpy.executors
         import rclpy.qos  # noqa: F401
@@ -43,7 +42,6 @@ def beyond_this_host() -> str:
 
 
 def installed_type(name: str) -> Any:
-    """Return rclpy's class of a message or service type."""
     package, kind, title = name.split("/")
     try:
         return getattr(import_module(f"{package}.{kind}"), title)
@@ -139,7 +137,6 @@ class Middleware:
         self.topics.create_subscription(installed_type(type_name), topic, arrived, profile(qos), raw=True)
 
     def close(self) -> None:
-        """Leave ROS 2."""
         import rclpy
 
         self._ending = True

@@ -62,7 +62,6 @@ def ask_ports(graph: RunningGraph) -> Ports:
 def plan_crossings(
     entries: Iterable[Entry], graph: RunningGraph, ports: Ports, problems: Problems
 ) -> list[Crossing]:
-    """Return what crosses by a map; mistakes go to ``problems``."""
     found = []
     for entry in entries:
         try:

@@ -29,17 +29,14 @@ class Account:
         self._lock = Lock()
 
     def cross(self) -> None:
-        """Note a message that has crossed."""
         with self._lock:
             self.crossed += 1
 
     def lose(self, count: int) -> None:
-        """Note messages that are missing for good."""
         with self._lock:
             self.lost += count
 
     def refuse(self, reason: str) -> None:
-        """Note a message that could not be taken."""
         with self._lock:
             self.refused += 1
             self.reason = reason
@@ -83,7 +80,6 @@ class Ports:
         self._count = 0
 
     def publish(self, node: str, port: str, message: Mapping[str, Any], account: Account) -> None:
-        """Send a message to a port."""
         if node not in self._sockets:
             self._sockets[node], self._asked[node] = RequesterSocket(), deque()
         waiting = self._asked[node]

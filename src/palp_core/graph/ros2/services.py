@@ -17,7 +17,6 @@ ASK_S = 5.0
 
 
 def offer(graph: RunningGraph, entry: Entry, node: Any, now: Callable[[], Times], account: Account) -> None:
-    """Serve a service of the graph at a node of ROS 2."""
     _, name, port = entry.palp.split("/")
 
     def answer(request: Any, response: Any) -> Any:

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from palp_core.errors import BagError
-from palp_core.graph.bag.convert import BagForm, convert
+from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.ros2.import_bag import import_bag
@@ -96,7 +96,7 @@ def test_a_rosbag2_comes_back_byte_for_byte(
         compression = CompressionMode.STORAGE  # MCAP compresses chunks itself
     source = recorded(tmp_path / "source", plugin, 20, compression)
     assert import_bag(source, tmp_path / "bag") == 60
-    assert convert(tmp_path / "bag", tmp_path / "back", BagForm.ROS2) == 60
+    assert convert(tmp_path / "bag", tmp_path / "back", "ros2") == 60
     assert sorted(raw(tmp_path / "back")) == sorted(raw(source))
 
 
@@ -303,7 +303,7 @@ def test_an_hour_at_1_khz_comes_back_equal_in_bounded_memory(
             bag.write(connection, i * 1_000_000, payloads[i % 1000])
     before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert import_bag(tmp_path / "source", tmp_path / "bag") == count
-    assert convert(tmp_path / "bag", tmp_path / "back", BagForm.ROS2) == count
+    assert convert(tmp_path / "bag", tmp_path / "back", "ros2") == count
     with Reader(tmp_path / "back") as back:
         for i, (_, log_ns, data) in enumerate(back.messages()):
             assert (log_ns, data) == (i * 1_000_000, payloads[i % 1000])

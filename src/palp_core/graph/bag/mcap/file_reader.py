@@ -72,7 +72,6 @@ class FileReader(AbstractContextManager["FileReader"]):
         self.close()
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def messages(
@@ -96,7 +95,6 @@ class FileReader(AbstractContextManager["FileReader"]):
             raise self._damage
 
     def read_chunk(self, place: ChunkPlace) -> list[RawMessage]:
-        """Return a chunk's messages, checked."""
         try:
             data = self._read_at(place.offset, place.length)
             return split_chunk(open_chunk(data, place.entry, has_crc=self._has_crcs), self._define)

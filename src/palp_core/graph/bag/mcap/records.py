@@ -53,8 +53,6 @@ T = TypeVar("T", covariant=True)
 
 
 class RecordKind(Protocol[T]):
-    """A class of records that can be read."""
-
     def read(self, stream: ReadDataStream, /) -> T:
         """Take a record apart."""
 
@@ -73,7 +71,6 @@ class _Content(ReadDataStream):
 
 
 def pack(record: McapRecord) -> bytes:
-    """Return a record as bytes."""
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]

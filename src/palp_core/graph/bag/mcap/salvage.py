@@ -28,8 +28,6 @@ _CHUNK = re.compile(
 
 
 class Salvage(msgspec.Struct, kw_only=True):
-    """What is intact in a file."""
-
     path: Path
     chunks: list[ChunkPlace] = []  # of which a CRC matches, or that have none
     unchecked: set[int] = set()  # offsets of those that no CRC covers
@@ -154,7 +152,6 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
 
 
 def _next_start(found: Salvage, data: mmap.mmap, start: int) -> int:
-    """Return where the next intact chunk begins, or -1."""
     for match in _CHUNK.finditer(data, start):
         length = _record_length(data, match.start())
         if length is not None:

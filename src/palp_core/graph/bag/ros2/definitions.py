@@ -26,8 +26,6 @@ _SCALARS = {"string": "string", "bool": "boolean"} | dict.fromkeys(("float128", 
 
 
 class FieldType(NamedTuple):
-    """The type of a field."""
-
     base: str  # ``float64``, ``string`` or a message's full name, ``geometry_msgs/msg/Wrench``
     is_message: bool
     many: bool = False
@@ -38,7 +36,6 @@ class FieldType(NamedTuple):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of a number, as numpy has it."""
         names = dict.fromkeys(BYTES, "uint8") | {"float128": "longdouble"}
         return np.dtype(names.get(self.base, self.base))
 
@@ -57,7 +54,6 @@ class Definitions:
 
     @property
     def names(self) -> list[str]:
-        """The full names of all types."""
         return sorted(self.store.fielddefs)
 
     def fields(self, name: str) -> dict[str, FieldType]:
@@ -130,7 +126,6 @@ class Definitions:
 
 
 def empty() -> Definitions:
-    """Return no message types at all."""
     return Definitions(_store("EMPTY"))
 
 

@@ -93,7 +93,6 @@ def write(
 
 
 def _copy(bag: Bag, writer: Any, definitions: Definitions, outlets: OutletsOf | None) -> int:
-    """Write a bag's messages through rosbags; return how many."""
     connections: dict[tuple[str, str], Any] = {}
     ways: dict[int, list[_Way]] = {}
     count = 0

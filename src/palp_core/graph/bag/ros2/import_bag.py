@@ -110,7 +110,6 @@ def _topic(connection: Any, definitions: Definitions) -> Topic:
 
 
 def _plain(value: Any) -> Any:
-    """Return a policy of rosbags as a plain value."""
     return value.name if hasattr(value, "name") else list(value) if isinstance(value, tuple) else value
 
 
