@@ -13,13 +13,10 @@ from palp_core.methods import names as names_of
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.statistics import statistics
-from palp_core.palpation.perception.statistics.resampling import (
-    SessionMean,
-    cluster_bootstrap,
-    share_interval,
-)
+from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.reporting.html_page import span, write_page
 from palp_core.palpation.reporting.table import write_csv
+from palp_core.palpation.session.many.pooled import accuracy_of, interval_of
 from palp_core.palpation.session.reanalysis import Methods, ReanalysedSession, ReanalysedTrial, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.whole_file import write_json
@@ -125,17 +122,12 @@ def _row(
     away_m = [t.expected_m - float(t.depth_m or 0.0) for t in scored]
     accuracy, difference, error = None, None, None
     if rights:
-        rng = np.random.default_rng(_SEED)
-        if len(rights) > 1:
-            accuracy = _ends(share_interval(rights, rng))
-            pairs = [a - b for a, b in zip(shares, first, strict=True) if a is not None and b is not None]
-            difference = _ends(cluster_bootstrap(pairs, rng, within=(-1.0, 1.0)))
-        else:
-            one = statistics.wilson(sum(right), len(right))
-            accuracy = {"value": one.value, "ci": [one.low, one.high]}
-        error = statistics.calibration(
-            np.array([min(t.confidence, 1.0) for t in scored]), right
-        ).expected_error
+        accuracy = accuracy_of(rights)
+        stated = np.array([min(t.confidence, 1.0) for t in scored])
+        error = statistics.calibration(stated, right).expected_error
+    if len(rights) > 1:
+        pairs = [a - b for a, b in zip(shares, first, strict=True) if a is not None and b is not None]
+        difference = interval_of(cluster_bootstrap(pairs, np.random.default_rng(_SEED), within=(-1.0, 1.0)))
     return {
         **asdict(combo),
         "accuracy": accuracy,
@@ -149,10 +141,6 @@ def _row(
         "ran_out": sum(t.verdict == "ran_out" for t in trials),
         "left_out": sum(len(again.left_out) for again in decided),
     }
-
-
-def _ends(interval: SessionMean) -> dict[str, Any]:
-    return {"value": interval.value, "ci": [interval.low, interval.high]}
 
 
 def write_analysis(record: dict[str, Any], out: Path) -> Path:

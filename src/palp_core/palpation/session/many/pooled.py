@@ -116,16 +116,20 @@ def _right(trials: Sequence[RecordedTrial]) -> float:
     return float(np.mean([trial.right for trial in trials]))
 
 
-def _share(units: Units) -> dict[str, Any]:
-    rights = [[trial.right for trial in one] for one in units.values()]
+def accuracy_of(rights: Sequence[Sequence[bool]]) -> dict[str, Any]:
+    """Return the share of right trials with its interval: over units, or of one alone Wilson's."""
     if len(rights) > 1:
-        return _ends(share_interval(rights, np.random.default_rng(_SEED)))
+        return interval_of(share_interval(rights, np.random.default_rng(_SEED)))
     one = statistics.wilson(sum(rights[0]), len(rights[0]))
     return {"value": one.value, "ci": [one.low, one.high], "of": 1}
 
 
+def _share(units: Units) -> dict[str, Any]:
+    return accuracy_of([[trial.right for trial in one] for one in units.values()])
+
+
 def _mean(means: Sequence[float]) -> dict[str, Any]:
-    found = _ends(cluster_bootstrap(means, np.random.default_rng(_SEED)))
+    found = interval_of(cluster_bootstrap(means, np.random.default_rng(_SEED)))
     return found if len(means) > 1 else found | {"ci": None}
 
 
@@ -142,7 +146,7 @@ def _calibration(units: Units) -> dict[str, Any]:
     return {"value": error, "ci": list(ends) if ends is not None else None}
 
 
-def _ends(mean: SessionMean) -> dict[str, Any]:
+def interval_of(mean: SessionMean) -> dict[str, Any]:
     return {"value": mean.value, "ci": [mean.low, mean.high], "of": mean.session_count}
 
 
@@ -163,7 +167,7 @@ def _differences(groups: Mapping[str, Sequence[SessionEntry]]) -> list[dict[str,
     return [
         {
             **{name: getattr(one, name) for name in ("first", "second", "p", "p_holm")},
-            "difference": _ends(one.difference),
+            "difference": interval_of(one.difference),
         }
         for one in compare(values, pairs, np.random.default_rng(_SEED))
     ]
