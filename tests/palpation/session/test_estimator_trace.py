@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msgs.actuator import RingState
 from msgs.estimation import Outlook
-from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from nodes.estimator import Estimator
@@ -21,6 +19,7 @@ from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.units import Float64Array
 from tests.nodes.conftest import replace, sent_bytes
+from tests.support.rig_messages import ring_state, trial
 
 DEPTHS_M, RINGS_M = (0.002, 0.004, 0.008), (0.008, 0.016)
 FROM_M, TO_M, SPEED = -0.02, 0.03, 0.02
@@ -63,21 +62,6 @@ def felt(depth_m: float, ring_m: float = 0.016, seed: int = 1) -> Float64Array:
     return touched(depth_m, ring_m) + np.random.default_rng(seed).normal(0.0, 2e-5, COUNT)
 
 
-def trial(number: int, phase: str, depth_m: float = 0.0) -> Trial:
-    known = phase == "training"
-    code = f"{depth_m}" if known else ""
-    return Trial(
-        stamp_ns=0, trial=number, number=1, phase=phase, code=code, label_known=known, depth_m=depth_m
-    )
-
-
-def ring(ring_m: float, number: int, iteration: int = 1) -> RingState:
-    return RingState(
-        stamp_ns=0, trial=number, iteration=iteration, rehome=False, target_m=ring_m, measured_m=ring_m,
-        settled=True,
-    )  # fmt: skip
-
-
 def status(word: str, count: int = 0, start_ns: int = 0) -> SweepStatus:
     leave_ns = start_ns + COUNT * 1_000_000
     return SweepStatus(
@@ -105,8 +89,8 @@ def taught() -> Bench[Estimator]:
     """Return a bench that has felt every cell of training; the tests go on from what it hands over."""
     bench = Bench(Estimator, PARAMS)
     for number, (depth_m, ring_m, repeat) in enumerate(itertools.product(DEPTHS_M, RINGS_M, range(4))):
-        bench.feed(Estimator.trial, trial(number, "training", depth_m))
-        bench.feed(Estimator.ring, ring(ring_m, number))
+        bench.feed(Estimator.trial, trial(number, "training", depth_m, code=f"{depth_m}"))
+        bench.feed(Estimator.ring, ring_state(ring_m, number))
         palpate(bench, felt(depth_m, ring_m, 1000 * number + repeat))
     return bench
 
@@ -121,7 +105,7 @@ def trained(**params: object) -> Bench[Estimator]:
 
 def begin(bench: Bench[Estimator], number: int = 500, iteration: int = 1, ring_m: float = 0.016) -> None:
     bench.feed(Estimator.trial, trial(number, "estimation"))
-    bench.feed(Estimator.ring, ring(ring_m, number, iteration))
+    bench.feed(Estimator.ring, ring_state(ring_m, number, iteration))
 
 
 def blocks(torque_n_m: Float64Array, size: int = 50) -> list[TorqueBlock]:
@@ -182,7 +166,7 @@ def test_a_sweep_that_decides_nothing_goes_on_with_the_next() -> None:
     bench.feed(Estimator.sweep, status("swept", COUNT))
     first = bench.sent(Estimator.belief)[-1]
     assert first.verdict == "continue"
-    bench.feed(Estimator.ring, ring(0.008, 500, 2))
+    bench.feed(Estimator.ring, ring_state(0.008, 500, 2))
     palpate(bench, felt(0.004, 0.008))
     second = bench.sent(Estimator.belief)[-1]
     assert second.iteration == 2
@@ -293,8 +277,8 @@ def streamed(bench: Bench[Estimator], torque_n_m: Float64Array, start_ns: int, s
 def test_a_stream_is_followed_as_it_comes() -> None:
     bench = Bench(Estimator, PARAMS)
     for number, (depth_m, ring_m) in enumerate(itertools.product(DEPTHS_M, RINGS_M)):
-        bench.feed(Estimator.trial, trial(number, "training", depth_m))
-        bench.feed(Estimator.ring, ring(ring_m, number))
+        bench.feed(Estimator.trial, trial(number, "training", depth_m, code=f"{depth_m}"))
+        bench.feed(Estimator.ring, ring_state(ring_m, number))
         sweep_ns = streamed(bench, felt(depth_m, ring_m, number), (1 + 5 * number) * 10**9, size=100)
         bench.feed(Estimator.sweep, status("swept", start_ns=sweep_ns))
     assert [len(p.torque_n_m) for p in bench.sent(Estimator.palpation)] == [COUNT + 1] * 6

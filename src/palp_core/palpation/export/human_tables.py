@@ -18,8 +18,6 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class HumanRecording:
-    """A stretch of EMG."""
-
     file: str
     subject: str
     phase: str  # ``rest``, ``mvc``, or that of its trial

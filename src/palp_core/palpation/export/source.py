@@ -34,8 +34,6 @@ from palp_core.palpation.session.trials_csv import read_rows
 
 @dataclass(frozen=True, eq=False)
 class ExportSource:
-    """A session ready to be written."""
-
     path: Path
     tables: dict[str, ExportTable]
     sheet: SessionSheet | None
@@ -49,7 +47,6 @@ class ExportSource:
 
 
 def read_source(path: Path) -> ExportSource:
-    """Read all tables of a session."""
     notes: list[str] = []
     with tempfile.TemporaryDirectory(prefix="palp-export-") as made:
         folder, emg = path, None

@@ -57,7 +57,6 @@ class ExportTable:
 
 @cache
 def dictionary() -> dict[str, tuple[ExportColumn, ...]]:
-    """Return the columns of each table, in their order."""
     found: dict[str, list[ExportColumn]] = {}
     with Path(__file__).with_name("dictionary.csv").open(encoding="utf-8", newline="") as file:
         for line in csv.DictReader(file):
@@ -94,7 +93,6 @@ def class_name(depth_m: float) -> str:
 
 
 def as_markdown() -> str:
-    """Return the dictionary as a text of tables."""
     parts = []
     for name, columns in dictionary().items():
         lines = [f"| `{one.name}` | {one.kind} | {one.unit} | {one.meaning} |" for one in columns]
@@ -177,7 +175,6 @@ def _trial(
 
 
 def iterations_table(rows: Sequence[Row], depths_m: Sequence[float], subject: str) -> ExportTable:
-    """Return a row per palpation."""
     return table_of("iterations", [_iteration(row, depths_m, subject) for row in rows], depths_m)
 
 
@@ -194,7 +191,6 @@ def _iteration(row: Row, depths_m: Sequence[float], subject: str) -> dict[str, A
 
 
 def sweeps_table(folder: Path, rows: Sequence[Row]) -> ExportTable:
-    """Return a row per sample of torque."""
     sweeps = [read_sweep(folder, row.row) for row in rows]
     sizes, rates_hz = [one.size for one, _ in sweeps], [rate_hz for _, rate_hz in sweeps]
     number, sample, time_s = sample_columns([row.row for row in rows], sizes, rates_hz)

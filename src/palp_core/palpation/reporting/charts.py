@@ -60,8 +60,6 @@ _DPI = 144
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart not yet drawn."""
-
     name: str  # stem of its files
     title: str  # what it shows, for the page
     caption: str  # how to read it, and what is averaged over what
@@ -88,7 +86,6 @@ def _span(name: str, cells: Sequence[Any]) -> str:
 
 
 def save(chart: Chart, folder: Path) -> None:
-    """Draw a chart, and write ``NAME.png``, ``NAME.svg`` and ``NAME.csv``."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{chart.name}.png").write_bytes(image(chart, "png"))
     (folder / f"{chart.name}.svg").write_bytes(image(chart, "svg"))
@@ -96,7 +93,6 @@ def save(chart: Chart, folder: Path) -> None:
 
 
 def image(chart: Chart, form: Literal["png", "svg"]) -> bytes:
-    """Draw a chart; return the picture."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -127,7 +123,6 @@ def _canvas_class(form: Literal["png", "svg"]) -> Any:
 
 
 def depth_style(index: int) -> dict[str, Any]:
-    """Return colour, line style and marker of the index-th depth."""
     colour, line, marker = _DEPTHS[index % len(_DEPTHS)]
     return {"color": colour, "linestyle": line, "marker": marker}
 
@@ -165,7 +160,6 @@ def in_percent(axis: Axis) -> None:
 
 
 def tidy(axes: Axes, title: str, x: str, y: str) -> None:
-    """Name a panel and its axes."""
     axes.set_title(title, loc="left", fontweight="bold")
     axes.set_xlabel(x)
     axes.set_ylabel(y)

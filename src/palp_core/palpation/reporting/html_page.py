@@ -30,8 +30,6 @@ _TAG = re.compile(r"<[^>]*>")
 
 @dataclass(frozen=True)
 class Picture:
-    """A chart as it was drawn."""
-
     name: str
     title: str
     caption: str
@@ -41,7 +39,6 @@ class Picture:
 
     @property
     def base64(self) -> str:
-        """The picture as part of a page."""
         return base64.b64encode(self.svg).decode("ascii")
 
 

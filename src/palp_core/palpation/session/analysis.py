@@ -58,7 +58,6 @@ def analyse(
     noise: RigNoise | None = None,
     scene: Scene | None = None,
 ) -> dict[str, Any]:
-    """Return what each combination makes of the sessions."""
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
     rows: list[dict[str, Any]] = []
@@ -144,7 +143,6 @@ def _row(
 
 
 def write_analysis(record: dict[str, Any], out: Path) -> Path:
-    """Write analysis.json, analysis.csv and the page, and return the page."""
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "analysis.json", record)
     rows = rows_of(record)
@@ -160,7 +158,6 @@ def write_analysis(record: dict[str, Any], out: Path) -> Path:
 
 
 def rows_of(record: dict[str, Any]) -> list[list[str]]:
-    """Return the results as a table of text, the heading first."""
     heads = [*_TASKS, "accuracy, %", "95 %", "against the first", "probes", "RMSE, mm"]
     rows = [[*heads, "calibration error", "undecided", "ran out"]]
     for row in record["results"]:

@@ -47,7 +47,6 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
-    """Append a decision."""
     words = " ".join(reason.split())
     if not words:
         raise PalpError("a decision about a trial needs its reason: --reason '...'")
@@ -70,7 +69,6 @@ def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
 
 
 def decisions(folder: Path) -> list[Decision]:
-    """Return every decision about a session, in the order in which they were made."""
     path = folder / AUDIT
     try:
         text = read_whole(path).decode()

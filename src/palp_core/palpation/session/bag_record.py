@@ -71,8 +71,6 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BagRecord:
-    """The record of the session that a bag holds."""
-
     summary: RunSummary  # how the run went, as far as the bag has it
     rows: list[Row]
     palpations: list[Any]  # the message of each row, with its torque
@@ -81,7 +79,6 @@ class BagRecord:
 
 
 def read_record(path: Path) -> BagRecord:
-    """Return the record of the session that a bag holds."""
     with Bag(path) as bag:
         launch = launch_of(bag)
         roles = _roles(launch, path)

@@ -60,8 +60,6 @@ _OF_THE_SCENE = ("contact", "motion")  # whose output and tolerance are what the
 
 @dataclass(frozen=True)
 class TaskChoice:
-    """What a task comes to in a session."""
-
     task: Task
     output: str
     tolerance: float
@@ -83,7 +81,6 @@ class TaskChoice:
         return None if default is None or chosen is None else 100.0 * (default - chosen)
 
     def declared(self) -> list[tuple[Method, Candidate]]:
-        """Return every method as declared, with what it offers here."""
         by_name = {one.name: one for one in methods(self.task.name)}
         return [(by_name[one.name], one) for one in self.candidates]
 
@@ -96,7 +93,6 @@ def session_quantities(scene: Scene, given: Mapping[str, float] = PUBLISHED) -> 
 def choose_for(
     task: Task, scene: Scene, *, asked: str = "", given: Mapping[str, float] = PUBLISHED, default: str = AUTO
 ) -> TaskChoice:
-    """Return what a task comes to in a session."""
     output, tolerance, uses = _needed(task, scene)
     quantities = session_quantities(scene, given)
     candidates = weigh(task.name, output, tolerance, quantities, asked=asked, uses=uses)

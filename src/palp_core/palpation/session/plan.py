@@ -67,8 +67,6 @@ class BeginTrial:
 
 @dataclass(frozen=True)
 class Palpate:
-    """Sweep once."""
-
     trial: int  # index of its trial
     iteration: int  # number of the palpation in the trial, from 1
     ring_given: bool  # whether the plan sets the ring or, in estimation, a policy does
@@ -80,8 +78,6 @@ Step = MountPhantom | Rehome | BeginTrial | Palpate | Wait
 
 @dataclass(frozen=True)
 class StepReply:
-    """What came of a step."""
-
     # ``done`` for any step but a palpation in estimation, which is answered by the verdict: ``continue``,
     # ``decided``, ``undecided`` or ``dropped``. ``failed`` repeats a palpation
     word: Literal["done", "continue", "decided", "undecided", "dropped", "failed"] = "done"

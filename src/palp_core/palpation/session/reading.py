@@ -235,11 +235,9 @@ class FeatureReading:
         return self._learnt or self.learn(memory)
 
     def depths_m(self, memory: ReadingMemory) -> Float64Array:
-        """Return the depths that the belief is about, shape (m,)."""
         return classes_of(self.primitives(memory).depths_m.tolist(), self._params.depths)
 
     def rings_m(self, memory: ReadingMemory) -> Float64Array:
-        """Return the ring positions of training, shape (k,)."""
         return self.primitives(memory).rings_m
 
     def setting(self, memory: ReadingMemory, ring_m: float) -> int | None:

@@ -26,15 +26,12 @@ def mm(length_m: float) -> str:
 
 @dataclass(frozen=True)
 class RecordedTrial:
-    """One trial of estimation."""
-
     probes: tuple[Row, ...]  # its palpations in order; at least one
     mean_m: float  # mean depth of the last belief, over the depths it is about
     confidence: float  # posterior of the estimate, 0 to 1
 
     @property
     def depth_m(self) -> float:
-        """True depth."""
         return self.probes[0].depth_m
 
     @property
@@ -76,7 +73,6 @@ class RecordedSession:
 
     @property
     def training(self) -> list[Row]:
-        """The palpations of training."""
         return [row for row in self.rows if row.phase == "training"]
 
     def class_of(self, depth_m: float) -> int:

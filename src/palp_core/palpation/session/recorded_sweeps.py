@@ -50,7 +50,6 @@ class RecordedSweeps:
     read_by: Mapping[str, Any] = field(default_factory=dict)
 
     def phase(self, name: str) -> list[RecordedSweep]:
-        """Return the sweeps of a phase."""
         return [sweep for sweep in self.sweeps if sweep.phase == name]
 
 

@@ -31,8 +31,6 @@ _GAUSSIAN_MAD = 0.6744897501960817
 
 @dataclass(frozen=True, eq=False)
 class Repeatability:
-    """How well a rig repeats itself."""
-
     noise: RigNoise  # the components, as simulation and filter load them
     blocks: tuple[Block, ...]  # readings behind them, N m
     ring_slope: dict[float, float]  # change of the reading per metre of the ring, N m/m, by ring
@@ -160,7 +158,6 @@ def write_repeatability(found: Repeatability, out: Path, unfinished: str = "") -
 
 
 def repeatability_headline(found: Repeatability) -> str:
-    """Return the result in a line."""
     noise = found.noise
     return (
         f"Repeatability (sd): ring {1e3 * noise.ring_sd_m.value:.3f} mm, height "

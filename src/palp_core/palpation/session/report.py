@@ -48,7 +48,6 @@ class SessionReport:
         return advice(summary)
 
     def begin(self, summary: RunSummary) -> None:
-        """Note which run the session is of."""
         run_note.note_begin(summary)
 
     def __call__(self, summary: RunSummary) -> str:

@@ -97,8 +97,6 @@ class MountCounts(msgspec.Struct, kw_only=True):
 
 
 class RigTime(msgspec.Struct, kw_only=True):
-    """How long stage and ring took for a decision."""
-
     mean: float | None
     trials: int
 
@@ -170,8 +168,6 @@ class WorldResult(msgspec.Struct, kw_only=True):
 
 
 class SessionResult(msgspec.Struct, kw_only=True):
-    """What ``result.json`` holds."""
-
     policy: str
     policy_class: str | UnsetType = UNSET
     policies: list[PolicySpan] | UnsetType = UNSET
@@ -253,7 +249,6 @@ def write_result(result: SessionResult, folder: Path) -> Path:
 
 
 def read_result(out: str | Path) -> SessionResult:
-    """Return the result of the session recorded in a folder."""
     path = Path(out) / RESULT
     try:
         return msgspec.json.decode(read_whole(path), type=SessionResult)
@@ -266,7 +261,6 @@ def read_result(out: str | Path) -> SessionResult:
 
 
 def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
-    """Return the result of a session and its run."""
     roles, sheet = roles_of(summary), sheet_of(summary)
     experiment = {**roles.params("experiment"), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
@@ -495,7 +489,6 @@ def _guards(session: RecordedSession, code: str) -> list[str]:
 
 
 def _flat(phantom: dict[str, Any]) -> dict[str, float]:
-    """Return the numbers of a phantom and of its bead."""
     return {name: value for name, value in phantom.items() if name != "bead"} | (phantom["bead"] or {})
 
 

@@ -37,8 +37,6 @@ _NEEDED = ("experiment", "policy", "stage", "estimator")
 
 @dataclass(frozen=True)
 class Roles:
-    """The roles of a run's nodes."""
-
     node: Mapping[str, str]  # name of the node by role; a role that a session can do without may be missing
     of: Mapping[str, str]  # role by node; nodes without one are left out
     touch_simulated: bool  # whether the phantom's touch was computed
@@ -59,7 +57,6 @@ class NoSession(PalpError):
 
 
 def roles_of(summary: RunSummary) -> Roles:
-    """Return the roles of a run's nodes."""
     of = {node: role for node, types in summary.publishes.items() if (role := _role(types))}
     experiment = _only(summary, "experiment", [node for node, role in of.items() if role == "experiment"])
     away = _away(experiment, summary)

@@ -39,7 +39,6 @@ STILL_RUNNING = "it is still running"
 
 
 def out_of(summary: RunSummary) -> Path:
-    """Return the folder that a run records into."""
     out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
     if not out:
         raise PalpError(
@@ -83,7 +82,6 @@ def unfinished_words(folder: Path, done: str) -> str:
 
 
 def _progress_words(folder: Path) -> str:
-    """Return how far a session has come, in words."""
     from palp_core.palpation.session.trials_csv import read_rows
 
     rows = read_rows(folder)

@@ -105,14 +105,12 @@ class FolderLock:
             ) from None
 
     def release(self) -> None:
-        """Let others have it."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
         self._descriptor = -1
 
 
 def is_being_written(folder: Path) -> bool:
-    """Tell whether a session has the folder right now."""
     return is_locked(folder.resolve())
 
 

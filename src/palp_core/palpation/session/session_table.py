@@ -24,8 +24,6 @@ _log = logging.getLogger("palp")
 
 
 class NumberedRow(Protocol):
-    """A row that has its number."""
-
     @property
     def row(self) -> int:
         """Its number, from 0."""
@@ -35,8 +33,6 @@ R = TypeVar("R", bound=NumberedRow)
 
 
 class SessionTable:
-    """A table that a session writes."""
-
     def __init__(self, out: str, name: str, of: str, named_by: str = "out:=") -> None:
         self.folder = Path(out)
         self._table, self._of, self._named_by = self.folder / name, of, named_by
@@ -59,11 +55,9 @@ class SessionTable:
             raise
 
     def close(self) -> None:
-        """Let others have the folder; what is written stays."""
         self._lock.release()
 
     def _begin(self, columns: Sequence[str]) -> None:
-        """Make the table, which is not there."""
         self._append(columns, os.O_CREAT | os.O_EXCL)
 
     def _append(self, cells: Sequence[Any], flags: int = 0) -> None:

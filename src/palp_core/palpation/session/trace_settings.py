@@ -65,7 +65,6 @@ class TraceSettings(Params):
 
     @property
     def bins(self) -> PositionBins:
-        """Stretches of the path."""
         return PositionBins.over(self.from_m, self.to_m, self.bin_mm * 1e-3)
 
     @property
@@ -80,7 +79,6 @@ class TraceSettings(Params):
         scene: Scene | None = None,
         trace_filter: str = "second_order",
     ) -> TraceModel:
-        """Return what sweeps of a trial look like."""
         scene, noise = self.of_rig(noise, scene)
         taught_m, rings_m = trained.depths_m.tolist(), trained.rings_m.tolist()
         known = self.knowledge(scene, noise, taught_m, rings_m)

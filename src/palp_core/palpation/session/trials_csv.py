@@ -121,8 +121,6 @@ _BETWEEN = " | "  # entries of a list of words
 
 
 class SessionWriter(SessionTable):
-    """Writes a session's record."""
-
     def __init__(self, out: str, depths_m: Sequence[float], named_by: str = "out:=") -> None:
         super().__init__(out, TABLE, "palpation", named_by)
         self._columns = _columns([f"{depth_m * 1e3:g}mm" for depth_m in depths_m])
@@ -172,7 +170,6 @@ class SessionWriter(SessionTable):
             raise self._failure(error, f"palpation {row.row + 1}", kept) from error
 
     def primitives(self, content: dict[str, Any]) -> None:
-        """Write the memory primitives."""
         try:
             write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
         except OSError as error:

@@ -75,7 +75,6 @@ def _carried_forward(session: RecordedSession, depth_m: float, longest: int) -> 
 
 
 def _standard_error(curves: Float64Array) -> Float64Array:
-    """Return the standard error of the mean over trials; 0 for a single trial."""
     count = len(curves)
     if count < 2:
         return np.zeros(curves.shape[1])
@@ -130,7 +129,6 @@ def calibration_chart(session: RecordedSession) -> charts.Chart | None:
 
 
 def rings_chart(session: RecordedSession) -> charts.Chart | None:
-    """Return how often each ring position was used in estimation; None without a trial."""
     probes = [probe for trial in session.trials for probe in trial.probes]
     if not probes:
         return None

@@ -126,7 +126,6 @@ def _ending(trial: RecordedTrial) -> str:
 
 
 def _normalised(log: Float64Array) -> Float64Array:
-    """Return likelihoods as shares of their sum."""
     found = np.exp(log - log.max())
     return np.asarray(found / found.sum())
 

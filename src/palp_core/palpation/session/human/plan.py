@@ -37,8 +37,6 @@ class Identify:
 
 @dataclass(frozen=True)
 class Quiet:
-    """Record the muscles at rest."""
-
     duration_s: float
 
 
@@ -53,8 +51,6 @@ class HoldMvc:
 
 @dataclass(frozen=True)
 class Rest:
-    """Let the subject rest."""
-
     duration_s: float
 
 
@@ -74,8 +70,6 @@ class HumanTrial:
 
 @dataclass(frozen=True)
 class Ask:
-    """Ask the subject for the depth."""
-
     trial: HumanTrial
 
 
@@ -195,7 +189,6 @@ def _trial(trial: HumanTrial, rest_s: float) -> HumanPlan:
 
 
 def trials(design: HumanDesign) -> Iterator[HumanTrial]:
-    """Yield the trials of both phases, each as its first attempt."""
     index = 0
     for phase in PHASES:
         told = phase == "training"

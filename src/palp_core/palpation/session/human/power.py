@@ -22,8 +22,6 @@ _SEED = 7
 
 @dataclass(frozen=True)
 class Power:
-    """Power of a design to find that one depth is easier."""
-
     subjects: int
     repeats: int  # trials per subject and depth
     share: float  # right answers on average

@@ -38,7 +38,6 @@ def refuse_names(question: str, answer: str) -> None:
 
 
 def mvc_words(step: HoldMvc) -> str:
-    """Return what the operator is told before a maximum voluntary contraction."""
     again = "" if step.attempt == 1 else f" (attempt {step.attempt})"
     return (
         f"Hold and move {step.mass_kg:g} kg, as hard as you can, for {step.duration_s:g} s{again}. "
@@ -47,7 +46,6 @@ def mvc_words(step: HoldMvc) -> str:
 
 
 def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
-    """Return what the operator is told before a trial."""
     give = f"{'Leave' if same else 'Give'} phantom {trial.phantom}"
     depth_m = trial.depth_m if trial.told else None
     tell = "; subject blindfolded" if depth_m is None else f"; tell the subject: {depth_m * 1e3:g} mm"
@@ -63,7 +61,6 @@ def ending(text: str) -> str:
 
 
 def depth_question(phantoms: Sequence[PlannedPhantom], form: AnswerForm) -> str:
-    """Return the question with how to answer it."""
     if form == "mm":
         return f"{QUESTION}. (mm)"
     return f"{QUESTION}: {_listed(phantoms)}."

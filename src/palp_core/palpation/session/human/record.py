@@ -90,13 +90,10 @@ def emg_name(phase: str, number: int, attempt: int, phantom: str, depth_m: float
 
 
 class HumanWriter(SessionTable):
-    """Writes a session's record."""
-
     def __init__(self, out: str) -> None:
         super().__init__(out, HUMAN_TABLE, "trial")
 
     def start(self) -> None:
-        """Begin a new table."""
         refuse_human(self.folder)
         with self._taken(made=True):
             self._begin(HumanRow.__struct_fields__)
@@ -125,7 +122,6 @@ class HumanWriter(SessionTable):
         return [path for path in found if str(path.relative_to(self.folder)) not in kept]
 
     def identity(self, subject: str, consent: str, **more: Any) -> None:
-        """Write who it was, in codes."""
         try:
             write_json(self.folder / IDENTITY, {"subject": subject, "consent": consent, **more}, mode=0o600)
         except OSError as error:
@@ -169,7 +165,6 @@ def human_table_text(rows: Sequence[HumanRow]) -> str:
 
 
 def read_human(out: str | Path) -> list[HumanRow]:
-    """Return every row of a record."""
     return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _row)
 
 

@@ -58,7 +58,6 @@ class HumanReport:
         return texts_to_keep(asked_human_sheet(summary)) | draw_key(summary)
 
     def begin(self, summary: RunSummary) -> None:
-        """Note which run the session is of."""
         folder = run_note.out_of(summary)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -113,7 +112,6 @@ def write_human(
 
 
 def headline(found: dict[str, Any]) -> str:
-    """Return an analysis in a sentence."""
     trials, accuracy = found["trials"], found["accuracy"]
     done = f"{counted(trials['training'], 'trial')} of training, {trials['estimation']} of estimation"
     if accuracy is None:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 
 def rows_of(entries: Sequence[SessionEntry], folder: Path) -> list[list[str]]:
-    """Return the list of sessions as a table, heading first."""
     rows = [["session", "began", "who", "state", "trials", "excluded", "design"]]
     for entry in entries:
         name = str(entry.path.relative_to(folder)) if entry.path != folder else str(entry.path)
@@ -30,7 +29,6 @@ def rows_of(entries: Sequence[SessionEntry], folder: Path) -> list[list[str]]:
 
 
 def pooled_rows(record: Mapping[str, Any]) -> list[list[str]]:
-    """Return the groups as a table, heading first."""
     rows = [["design", "over", "trials", "accuracy", "95 %", "palpations", "calibration error", "undecided"]]
     for group in record["groups"]:
         over = counted(group["units"], group["unit"])
@@ -50,7 +48,6 @@ def pooled_rows(record: Mapping[str, Any]) -> list[list[str]]:
 
 
 def difference_rows(record: Mapping[str, Any]) -> list[list[str]]:
-    """Return the differences as a table, heading first."""
     rows = [["first", "less second", "points", "95 %", "p", "p, Holm"]]
     for one in record["differences"]:
         points, ends = f"{100.0 * one['difference']['value']:+.1f}", span(one["difference"]["ci"])

@@ -53,7 +53,6 @@ def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> Method
 
 
 def policy_use(policy: StiffnessPolicy) -> MethodUse:
-    """Return what a node says of the policy that it follows."""
     if isinstance(policy, InformationGainLatent) and not policy.model.offset_sd.size:
         return used("policy", "information_gain")  # nothing is known to stay
     return used_of_class("policy", type(policy))
