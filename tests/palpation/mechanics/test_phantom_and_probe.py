@@ -12,47 +12,13 @@ from hypothesis import strategies as st
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics import Bead, Phantom, Probe, StagePath
-
-
-@pytest.mark.parametrize("depth_m", [-0.001, 0.0, math.nan, math.inf])
-def test_a_bead_refuses_a_depth_that_is_no_depth(depth_m: float) -> None:
-    with pytest.raises(OutOfRange, match="depth_m") as caught:
-        Bead(depth_m=depth_m)
-    assert caught.value.quantity == "depth_m"
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("modulus_pa", 0.0),
-        ("modulus_pa", math.nan),
-        ("poisson", 0.51),
-        ("poisson", -0.1),
-        ("height_m", -0.03),
-    ],
-)
-def test_a_phantom_names_the_quantity_it_refuses(name: str, value: float) -> None:
-    given_: dict[str, Any] = {name: value}
-    with pytest.raises(OutOfRange) as caught:
-        Phantom(**given_)
-    assert caught.value.quantity == name
+from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
 
 
 def test_a_bead_may_rest_on_the_floor_but_not_reach_below_it() -> None:
     assert Phantom(bead=Bead(depth_m=0.015)).scene()["depth_m"] == 0.015
     with pytest.raises(OutOfRange, match="below the floor"):
         Phantom(bead=Bead(depth_m=0.0151))
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("friction", -0.1), ("tip_radius_m", 0.0), ("tip_radius_m", 0.08), ("tip_mass_kg", math.nan)],
-)
-def test_a_probe_names_the_dimension_it_refuses(name: str, value: float) -> None:
-    given_: dict[str, Any] = {name: value}
-    with pytest.raises(OutOfRange) as caught:
-        Probe(**given_)
-    assert caught.value.quantity == name
 
 
 def test_the_joint_torque_is_that_of_two_springs_of_zero_free_length() -> None:
@@ -95,9 +61,26 @@ def test_a_path_samples_from_its_start_to_its_end() -> None:
     assert np.allclose(backwards, -stage_m)
 
 
-@pytest.mark.parametrize(("name", "value"), [("speed_m_s", 0.0), ("speed_m_s", math.nan), ("to_m", -0.03)])
-def test_a_path_refuses_what_is_no_path(name: str, value: float) -> None:
-    given_: dict[str, Any] = {name: value}
-    with pytest.raises(OutOfRange) as caught:
-        StagePath(**given_)
-    assert caught.value.quantity == name
+@pytest.mark.parametrize(
+    ("kind", "name", "values"),
+    [
+        (Bead, "depth_m", [-0.001, 0.0, math.nan, math.inf]),
+        (Phantom, "modulus_pa", [0.0, math.nan]),
+        (Phantom, "poisson", [0.51, -0.1]),
+        (Phantom, "height_m", [-0.03]),
+        (Probe, "friction", [-0.1]),
+        (Probe, "tip_radius_m", [0.0, 0.08]),
+        (Probe, "tip_mass_kg", [math.nan]),
+        (StagePath, "speed_m_s", [0.0, math.nan]),
+        (StagePath, "to_m", [-0.03]),
+        *((Dynamics, name, [math.nan]) for name in ("inertia_kg_m2", "damping_n_m_s", "regular_m_s")),
+        *((Dynamics, name, [math.nan]) for name in ("step_s", "static_friction")),
+    ],
+)
+def test_what_is_no_such_quantity_is_refused_by_its_name(
+    kind: type[Any], name: str, values: list[float]
+) -> None:
+    for value in values:
+        with pytest.raises(OutOfRange) as caught:
+            kind(**{name: value})
+        assert caught.value.quantity == name

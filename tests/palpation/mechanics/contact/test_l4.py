@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import find
@@ -16,7 +15,6 @@ from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 
 TIP_M = 0.006
 ORIGIN = np.zeros(())
-law = settings(deadline=None, max_examples=40)
 
 
 def over(depth_m: float | None, cell_m: float = 0.001, modulus_pa: float = 20e3) -> HarmonicContact:
@@ -93,22 +91,6 @@ def test_progress_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     HarmonicContact(phantom, 0.005, progress=lambda *step: told.append(step)).prepare()
     assert {what for *_, what in told} == {"harmonics of the bead", "indentations of the table"}
     assert all(0 < done <= total for done, total, _ in told)
-
-
-def contrast_n_m(model: HarmonicContact, ring_m: float) -> float:
-    swept = sweep(model, Probe(), ring_m, 0.004, np.linspace(-0.03, 0.05, 161))
-    return float(np.ptp(swept.torque_n_m))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("depth_m", [0.002, 0.004, 0.008])
-def test_cells_of_1_mm_are_within_the_stated_bounds_of_much_finer_ones(depth_m: float) -> None:
-    coarse, fine = over(depth_m), over(depth_m, 0.00035)
-    offset_m, indentation_m = np.linspace(0.0, 0.03, 13)[:, None], np.linspace(0.001, 0.005, 9)
-    error = coarse.force(offset_m, indentation_m)[0] / fine.force(offset_m, indentation_m)[0] - 1.0
-    assert np.abs(error).max() < 0.01
-    for ring_m in (0.008, 0.012, 0.016):
-        assert contrast_n_m(coarse, ring_m) == pytest.approx(contrast_n_m(fine, ring_m), rel=0.02)
 
 
 def scene_drawn(rng: np.random.Generator) -> tuple[Phantom, float]:

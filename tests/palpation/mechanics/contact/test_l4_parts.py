@@ -12,10 +12,6 @@ from scipy.sparse.linalg import splu
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_term import bead_term
-from palp_core.palpation.mechanics.contact.fem_failures import (
-    softness_error_of_linear_triangles,
-    softness_error_of_taylor_hood,
-)
 from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
 from palp_core.palpation.mechanics.contact.l2 import layer_series
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
@@ -57,16 +53,6 @@ def test_a_bonded_layer_is_dimitriadis_where_his_series_holds(chi: float) -> Non
     assert force == pytest.approx(hertz * series, rel=5e-3)
 
 
-def test_a_thin_compressible_layer_carries_by_its_confined_modulus() -> None:
-    # N = pi M R delta^2 / h with M the confined modulus (Johnson 1985, section 5.8), for h << contact radius.
-    poisson, height_m, tip_m, indentation_m = 0.2, 0.0002, 0.05, 0.0001
-    confined = (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
-    force = pressed(BondedLayer(poisson, height_m), tip_m, indentation_m, 16.0)
-    edge = height_m / math.sqrt(2 * tip_m * indentation_m)  # the layer's shear carries some at the rim
-    expected = math.pi * confined * tip_m * indentation_m**2 / height_m
-    assert expected < force < expected * (1 + 2.0 * edge)
-
-
 def test_the_layers_fields_satisfy_equilibrium_and_the_floor() -> None:
     k = np.array([30.0, 200.0, 900.0])
     depth, step = 0.01, 1e-6
@@ -82,14 +68,6 @@ def test_the_layers_fields_satisfy_equilibrium_and_the_floor() -> None:
     top = LAYER.fields(k, np.array([0.0]))
     assert np.allclose(top[2], 0.0, atol=1e-12)
     assert np.allclose(top[3], -1.0)
-
-
-def test_the_layers_surface_is_lebedevs_transform() -> None:
-    k = np.linspace(5.0, 800.0, 30)
-    x, ka = k * HEIGHT_M, 3.0 - 4.0 * NU
-    share = (2 * ka * np.sinh(2 * x) - 4 * x) / (2 * ka * np.cosh(2 * x) + 4 * x**2 + 1 + ka**2)
-    down = LAYER.fields(k, np.array([0.0]))[1][0]
-    assert np.allclose(down, share * (1 - NU) / (LAYER.shear_modulus * k), rtol=1e-11)
 
 
 def test_the_patch_test_even_strain_is_exact_in_every_element() -> None:
@@ -166,14 +144,6 @@ def test_a_patch_under_a_sphere_ends_at_its_equator() -> None:
     patch = Patch(BondedLayer(0.4999, 0.004), None, 0.006, 0.006, 0.0008)
     assert np.hypot(*patch.cells()).max() < 0.006
     assert patch.press(0.0).normal_n > 0.0
-
-
-@pytest.mark.slow
-def test_elements_converge_at_their_orders() -> None:
-    linear = [abs(softness_error_of_linear_triangles(0.3, parts)) for parts in (4, 8, 16)]
-    hood = [abs(softness_error_of_taylor_hood(0.49, parts)) for parts in (2, 4, 8)]
-    assert np.all(-np.diff(np.log2(linear)) > 1.5)
-    assert np.all(-np.diff(np.log2(hood)) > 1.9)  # the pressure's edge is singular
 
 
 def test_touch_refuses_a_compliance_that_is_not_positive_definite() -> None:

@@ -123,12 +123,3 @@ def test_a_path_that_is_none_is_refused(change: dict[str, Any], quantity: str) -
     with pytest.raises(OutOfRange) as caught:
         simulate(gel(None), Probe(), 0.008, 0.004, **arguments)
     assert caught.value.quantity == quantity
-
-
-@pytest.mark.parametrize(
-    "name", ["inertia_kg_m2", "damping_n_m_s", "regular_m_s", "step_s", "static_friction"]
-)
-def test_a_setting_that_is_no_number_is_refused(name: str) -> None:
-    given_: dict[str, Any] = {name: math.nan}
-    with pytest.raises(OutOfRange, match=name):
-        Dynamics(**given_)

@@ -15,7 +15,8 @@ from palp_core.palpation.mechanics import Scene, read_scene, run_scene
 from palp_core.palpation.mechanics.scene.choice import choose_rung
 
 CLOSED_FORM = ("l0", "l2")
-EVERY_RUNG = (*CLOSED_FORM, "l4", "l5")
+EVERY_RUNG = ("", *CLOSED_FORM, "l4", "l5")
+"""The first: what the scene itself picks."""
 
 
 def hostile_numbers(rng: np.random.Generator) -> dict[str, Any]:
@@ -92,18 +93,5 @@ def test_a_hostile_scene_gets_a_valid_answer_or_an_error_by_name(part: int, tmp_
             assert choice.bound <= scene.tolerance.relative
         except MethodError as error:
             assert "no error bound" in str(error) or "only" in str(error)  # noqa: PT017 -- either is an answer
-        count += answered(scene, str(rng.choice(CLOSED_FORM)))
-    assert count > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
-def test_any_rung_gives_a_hostile_scene_a_valid_answer_or_an_error_by_name(part: int, tmp_path: Path) -> None:
-    """As above with any rung of the ladder, or the one that the scene itself picks."""
-    rng, count = np.random.default_rng([100, part]), 0
-    for _ in range(100):
-        scene = read(rng, tmp_path / "scene.yaml")
-        if scene is not None:
-            rung = str(rng.choice(["", *EVERY_RUNG]))
-            count += answered(scene, rung or None)
+        count += answered(scene, str(rng.choice(CLOSED_FORM if part == 0 else EVERY_RUNG)) or None)
     assert count > 0

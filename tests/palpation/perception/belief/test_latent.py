@@ -141,15 +141,3 @@ def test_a_model_that_cannot_be_is_refused() -> None:
         OffsetModel(good.mean, 0.0 * good.noise, good.slope, good.offset_sd, good.renewed_by_move)
     with pytest.raises(PerceptionError, match="one flag"):
         OffsetModel(good.mean, good.noise, good.slope, good.offset_sd, (True,))
-
-
-def test_what_a_filter_does_not_know_to_stay_is_new_with_every_reading() -> None:
-    slope = np.array([[[[1.4, 3.0]], [[1.2, 2.0]]]])  # one class, two settings: ring and height
-    model = latent.OffsetModel(
-        np.zeros((1, 2, 1)), np.full((1, 2, 1, 1), 1e-9), slope, np.array([1.7e-4, 1e-4]), (True, False)
-    )
-    known = find("filter", "naive").target(model)
-    assert known.renewed_by_move == ()
-    for setting in (0, 1):
-        single = [latent.predict(m, latent.start(m), setting)[1].item() for m in (model, known)]
-        assert single[1] == pytest.approx(single[0], rel=1e-12)

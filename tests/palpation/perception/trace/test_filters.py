@@ -8,9 +8,8 @@ import pytest
 
 from palp_core.errors import MethodError
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.perception.trace.belief import begin_sweep, classes, observe, start
 from palp_core.palpation.perception.trace.filters import DepthGrid, TraceKnowledge, model_of
-from palp_core.palpation.perception.trace.model import Stays, TraceModel
+from palp_core.palpation.perception.trace.model import Stays
 from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.palpation.perception.trace.training import TrainedTraces, learn
 from palp_core.palpation.session.method_choices import PUBLISHED, chosen_method
@@ -68,18 +67,6 @@ def trained() -> TrainedTraces:
         [d for d, _ in cells],
         floor_n_m=1e-6,
     )
-
-
-def stated_and_right(model: TraceModel, count: int = 3000) -> tuple[float, float]:
-    """How surely the most probable class is stated on average, and how often it is the true one."""
-    rng = np.random.default_rng(2)
-    truth = rng.integers(0, 3, count)
-    frictions = SD["friction"] * np.sqrt(2.0) * rng.standard_normal(count)  # against training's own
-    felt = np.array([touch({"friction": f})[d, 1] for d, f in zip(truth, frictions, strict=True)])
-    felt += rng.normal(0.0, NOISE_N_M, felt.shape)
-    belief = observe(model, begin_sweep(start(model, count), 1, landed=True), felt)
-    found = classes(belief.log_density)
-    return float(found.max(axis=1).mean()), float((found.argmax(axis=1) == truth).mean())
 
 
 def test_slopes_are_those_of_the_touch_and_count_against_training() -> None:

@@ -135,9 +135,6 @@ def test_a_fit_is_as_improbable_as_it_says() -> None:
     belief = observe(model, begin_sweep(start(model, len(felt)), 0, landed=True), felt)
     share = (fit_probability(belief) < 0.05).mean()
     assert share == pytest.approx(0.05, abs=0.014)
-    strange = observe(
-        model, begin_sweep(start(model, len(felt)), 0, landed=True), felt + 2e-3 * (felt.argmax() % 2)
-    )
     bumped = felt.copy()
     bumped[:, 4] += 3e-3
     strange = observe(model, begin_sweep(start(model, len(felt)), 0, landed=True), bumped)
