@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgpack
 import pytest
 
 from palp_core.graph.messages.frame import HEADER_BYTES, VERSION, Kind, pack, parse
@@ -123,7 +124,7 @@ def test_clients_are_told_what_is_wrong(graph: Path) -> None:
 
 
 def test_the_documented_header_is_what_is_sent() -> None:
-    text = (ROOT / "docs" / "wire.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "wire.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) \| ([ui]\d+) \| ([a-z ]+) \|", text, flags=re.MULTILINE)
     codes = {"u8": "<B", "u16": "<H", "u32": "<I", "u64": "<Q", "i64": "<q"}
     frame = pack(b"/a/b", Kind.DATA, 2, 3, -4, 5, b"payload")
@@ -133,13 +134,19 @@ def test_the_documented_header_is_what_is_sent() -> None:
     assert read == {**expected, "type hash": 5}
     assert f"| {HEADER_BYTES} | | payload |" in text
     assert header[HEADER_BYTES:] == b"payload"
+    shown = re.search(r"^/arm/angle ([0-9a-f |]+)\.\.\.$", text, flags=re.MULTILINE)
+    assert shown is not None
+    sent = pack(
+        b"/arm/angle", Kind.DATA, 0, 7, 250_000_000, 0x1F2E3D4C5B6A7988, msgpack.packb({"angle_rad": 0.5})
+    )
+    assert sent.startswith(b"/arm/angle" + bytes.fromhex(shown[1].replace("|", "")))
     named = re.search(r"(\d [a-z]+(?:, \d [a-z]+)+) \|$", text, flags=re.MULTILINE)
     assert named is not None
     assert named[1] == ", ".join(f"{kind.value} {kind.name.lower()}" for kind in Kind)
 
 
 def test_the_documented_operations_are_those_of_a_node() -> None:
-    text = (ROOT / "docs" / "wire.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "wire.md").read_text(encoding="utf-8")
     table = text.partition("| op | with | reply |")[2].partition("\n\n")[0]
     named = {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row[: row.find("|", 2)])}
     methods = {name for name in vars(NodeServices) if not name.startswith("_") and name != "operations"}

@@ -60,7 +60,7 @@ def test_other_messages_are_another_version_of_joining() -> None:
     schemas = without_prose(list(msgspec.json.schema_components(JoinMessage.__subclasses__())))
     digest = hashlib.sha256(json.dumps(schemas, sort_keys=True).encode()).hexdigest()
     assert (PROTOCOL, digest[:16]) == MESSAGES
-    wire = Path(__file__).resolve().parents[3] / "docs" / "wire.md"
+    wire = Path(__file__).resolve().parents[3] / "docs" / "reference" / "wire.md"
     assert f'{{"op": "hello", "protocol": {PROTOCOL}}}' in wire.read_text(encoding="utf-8")
 
 
