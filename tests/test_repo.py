@@ -272,7 +272,7 @@ def test_what_a_text_names_is_there() -> None:
 
 
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
-SYMBOLS = ROOT / "docs" / "symbols.md"
+SYMBOLS = ROOT / "docs" / "reference" / "symbols.md"
 TABLE_2 = (
     *("s_i^max", "i", "s_i", "s_i^N", "s_CC^max", "s_CC", "s_CC^N", "d", "S", "t", "P_{S,t}", "M_mk", "σ_S"),
     *("S̄", "l_0, l_1, l_2", "k_s", "K_s", "q", "R", "r_a", "τ_f", r"P_t(d \| τ_f)", "P_{t-1}(d)"),

@@ -62,7 +62,7 @@ bare: {modulus_pa: 20000.0, bead: none}
 ```
 
 What real phantoms have beside that (texture, wear, spread) is the world's: [the simulated
-world](../world.md).
+world](../explanation/world.md).
 """
 
 

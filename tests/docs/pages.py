@@ -29,7 +29,7 @@ RUN = ("sh", "python", "yaml")
 _BLOCK = re.compile(r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$", re.M | re.S)
 _COMMENT = re.compile(r"<!-- (?P<word>not run|beside)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
 _FILE = re.compile(r"\A# ([\w./-]+\.\w+)\n")
-ALONE = ("docs/tutorial/", "docs/how_to/", "docs/workspaces.md", "docs/actions.md", "reference/")
+ALONE = ("docs/tutorial/", "docs/how_to/", "reference/")
 """Pages whose reader has an installed palp and no checkout."""
 _WORKSPACE = ("launch", "nodes", "msgs", "examples")
 

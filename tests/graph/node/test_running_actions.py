@@ -22,7 +22,7 @@ from tests.support.supervised import Running
 
 EXAMPLE = ROOT / "examples/actions"
 CARRY = EXAMPLE / "launch/carry.yaml"
-PAGE = ROOT / "docs/actions.md"
+PAGE = ROOT / "docs/how_to/action.md"
 
 
 @pytest.fixture
