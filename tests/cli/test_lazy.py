@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from palp_core import __version__
 from palp_core.cli.lazy import LazyGroup, load
@@ -62,11 +63,6 @@ def test_the_table_of_the_documentation_has_every_verb() -> None:
     assert {group: set(words.split()) for group, words in rows} == known
 
 
-def palp(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "palp_core", *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
@@ -76,9 +72,9 @@ def palp(*words: str) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_a_misspelt_verb_gets_the_nearest_name(words: tuple[str, ...], status: int, said: str) -> None:
-    done = palp(*words)
-    assert done.returncode == status
-    assert said in done.stdout + done.stderr
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == status
+    assert said in done.output
 
 
 def test_ctrl_c_before_the_first_verb_is_read_ends_without_a_traceback() -> None:
