@@ -155,7 +155,7 @@ def test_a_bound_that_bounds_nothing_is_refused(
 @pytest.mark.usefixtures("empty")
 def test_a_range_in_a_quantity_that_nobody_declared_is_refused_with_those_that_are_near() -> None:
     """It would be checked in no scene, and so hold in all of them."""
-    words = r"'fine' of task 'sharpen': 'dpeth_m' is no quantity that scenes tell; did you mean depth_m"
+    words = r"'fine' of task 'sharpen': 'dpeth_m' is no quantity of scenes; did you mean depth_m"
     with pytest.raises(MethodError, match=words):
         declared("fine", 1.0, Bound("edge", 0.1), Bound("edge", 0.01, within={"dpeth_m": (0.0, 0.004)}))
     with pytest.raises(MethodError, match=r"a scene for task 'sharpen': 'dpeth_m' is no quantity"):

@@ -146,7 +146,7 @@ def test_the_space_bar_stops_wherever_one_is_but_in_a_field(rig: Viewing) -> Non
     page.get_by_role("button", name="restart").focus()  # what has the focus is not pressed by it
     page.keyboard.press("Space")
     rig.until(STOPPED)
-    assert "loaded anew" not in page.inner_text("body")
+    assert "restarting" not in page.inner_text("body")
     released(rig)
 
 

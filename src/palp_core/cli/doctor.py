@@ -138,8 +138,8 @@ def top(
     period: Annotated[float, option("Between samples.", "--period", "-d", min=0.1, metavar="S")] = 1.0,
 ) -> None:
     """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
-    its topics say that they have lost for good. Below, each edge with its reader's own
-    account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
+    its topics have lost for good. Below, each edge with its reader's own
+    account; above, what nodes report as wrong. In a graph composed into one process, processor and memory are
     that process's.
     """
     running = call.graph

@@ -67,7 +67,7 @@ def view(
 
 
 def _running(name: str | None) -> RunningGraph:
-    """Return the graph to show; who has none is told of one to look at."""
+    """Return the graph to show; without one, name a launch to look at."""
     from palp_core.graph.discovery.choice import WhichGraph
 
     try:
@@ -147,9 +147,9 @@ def _own_page(named: str, load: Callable[[str], ModuleType]) -> OwnPage | None:
 
 @contextlib.contextmanager
 def _opened(where: str) -> Iterator[None]:
-    """Open the user's browser beside; one that cannot be opened is no failure: the address is printed.
+    """Open the user's browser; one that cannot be opened is no failure: the address is printed.
 
-    The browser is given a file of the user's own that leads there: whoever lists processes sees no token.
+    The browser is given a file of the user's own that leads there: a list of processes shows no token.
     """
     import tempfile
     import threading

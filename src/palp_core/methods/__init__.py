@@ -14,7 +14,7 @@ A contact rung, a root finder, a smoother, a stop rule, a policy, a codec is dec
     class LayeredHertz: ...
 
 and :func:`choose` answers "what is the cheapest method that is good enough here?" and says why. Ranges are in
-the quantities of :mod:`palp_core.methods.quantities`; :func:`declare_quantity` adds one's own. A package
+the quantities of :mod:`palp_core.methods.quantities`; :func:`declare_quantity` adds your own. A package
 that brings methods of its own names the module that declares them as an entry point of the group
 :data:`~palp_core.methods.register.GROUP`; a name with a colon, ``package.module:name``, needs none.
 """

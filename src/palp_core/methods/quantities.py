@@ -42,14 +42,14 @@ QUANTITIES: dict[str, tuple[str, str]] = {
     "noise_n_m": ("N m", "noise of a sample of torque"),
     "sample_hz": ("Hz", "samples a second"),
     "outlier_share": ("1", "share of readings that are outliers"),
-    # of what a filter of whole traces is told to differ between sweeps
+    # of what a filter of whole traces takes as different between sweeps
     "trace_height_sd_m": ("m", "spread of the surface's height"),
     "friction_sd": ("1", "spread of the friction, as a share of it"),
     "modulus_sd": ("1", "spread of the gel's modulus, as a share of it"),
-    "place_sd_m": ("m", "spread of the bead's place along and beside the path"),
+    "place_sd_m": ("m", "spread of the bead's place along and across the path"),
     "tip_sd_m": ("m", "spread of the ball's radius"),
     "slope_error": ("1", "what the mechanics' slopes are wrong by, as a share of them"),
-    "texture_sd_n_m": ("N m", "torque that the surface adds, where training does not tell it"),
+    "texture_sd_n_m": ("N m", "torque that the surface adds, where training does not show it"),
     "bin_m": ("m", "stretch of the path over which the torque is averaged"),
 }
 """SI unit, ``1`` where it has none, and meaning, by name."""
@@ -69,6 +69,6 @@ def require_declared(names: Iterable[str], what: str) -> None:
             near = difflib.get_close_matches(name, QUANTITIES, n=3)
             meant = f"did you mean {' or '.join(near)}? " if near else ""
             raise MethodError(
-                f"{what}: '{name}' is no quantity that scenes tell; {meant}"
+                f"{what}: '{name}' is no quantity of scenes; {meant}"
                 f"declare_quantity('{name}', unit, meaning) makes it one"
             )

@@ -51,7 +51,7 @@ def record(
 ) -> None:
     """Record topics of a running graph until Ctrl-C or its end.
 
-    The exit status is 1 if anything is missing: it is said per topic.
+    The exit status is 1 if anything is missing; what is missing is printed per topic.
     """
     from palp_core.graph.clock import unix_ns
     from palp_core.graph.recording.attached_recorder import record_until_asked
@@ -114,7 +114,7 @@ def replay(
         done = drive(bag, nodes.split(","), workspace)
     except ModuleNotFoundError as error:
         raise BagError(
-            f"{error}: the nodes' classes are not in {workspace}; say where they are: --launch FILE"
+            f"{error}: the nodes' classes are not in {workspace}; name their workspace by --launch FILE"
         ) from error
     show(done, map(_replay_line, done), as_json=as_json)
     if compare and any(node.divergence is not None for node in done):

@@ -63,8 +63,8 @@ def play(
     The recorded nodes appear as a graph of their own called 'play': palp topic, node and top see them. With
     --graph NAME messages go into ports of that graph which take messages from outside instead.
 
-    Keys: space pauses and goes on, up and down change the speed by a tenth, q ends. At the end it says how
-    late it ever was.
+    Keys: space pauses and goes on, up and down change the speed by a tenth, q ends. At the end it
+    prints the largest delay.
     """
     from palp_core.graph.bag.reader import Bag, topic_selection
     from palp_core.graph.replay.play import Playback, PlayRun, external_ports, publish_into

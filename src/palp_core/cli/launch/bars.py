@@ -12,7 +12,7 @@ from palp_core.cli.output import own_stream
 
 
 class Bars(Progress):
-    """A bar per phase; while a node says that something is wrong, that too, and the bars' time stands."""
+    """A bar per phase; while a node reports a fault, that too, and the bars' time stands."""
 
     def __init__(self) -> None:
         self._lines: dict[str, Text] = {}

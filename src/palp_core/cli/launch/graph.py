@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from palp_core.graph.description.checked import CheckedGraph
 
 SILENT_S = 2.0
-"""An end that takes longer is told to be under way."""
+"""An end that takes longer is reported to be under way."""
 
 app = typer.Typer()
 

@@ -134,7 +134,7 @@ def _run(file: Path, digest: Path | None, *, in_browser: bool, operate: bool, **
             _check_levels(options["log_level"], [spec.name for spec in graph.checked.nodes])
             if len(running()) > 1:
                 run = graph.directory.path.name
-                note(f"graph '{graph.checked.graph}', id {run}, beside others: palp graph list")
+                note(f"graph '{graph.checked.graph}', id {run} runs next to others: palp graph list")
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)

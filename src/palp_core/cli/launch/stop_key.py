@@ -26,7 +26,7 @@ def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[st
 
 
 def stopped_text(reply: dict[str, Any], run: str) -> str:
-    """Return what to say of a run whose motion was stopped, and how to go on."""
+    """Return what is printed of a run whose motion was stopped, and how to go on."""
     from palp_core.graph.discovery.choice import addressed
 
     return f"{reply['state']}: {reply['cause']}; when all is well: {addressed('palp safety ack', run)}"
@@ -88,7 +88,7 @@ class StopKey:
         self.stop()
 
     def start(self) -> bool:
-        """Begin to listen; tell whether there is a terminal that listens to us."""
+        """Begin to read keys; return whether there is a terminal."""
         self._keyboard.__enter__()
         if not self._keyboard.file_descriptors:
             return False

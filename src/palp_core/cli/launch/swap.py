@@ -38,7 +38,7 @@ def swap(
     as_json: JsonOption = False,
 ) -> None:
     """The old node works until the new one is ready, then hands over everything at one instant. If anything
-    fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
+    fails before, the old one goes on: the exit status is that of the step (10 check, 11 start, 12 configure,
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over, 18 probation).
     """
     from palp_core.cli.values import assignments, value_of
@@ -66,8 +66,8 @@ def swap(
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
     except KeyboardInterrupt:
-        told_by = addressed(f"palp node info {node}", running.record.id)
-        note(f"the launcher goes on with the swap; what came of it is told by: {told_by}")
+        shown_by = addressed(f"palp node info {node}", running.record.id)
+        note(f"the launcher goes on with the swap; its result: {shown_by}")
         sys.exit(INTERRUPTED)
     if as_json:
         print_json(answer)

@@ -86,7 +86,7 @@ class LaunchView:
         self._bars.show(phase, progress.done_count, progress.total_count, escape_controls(note))
 
     def show_diagnostic(self, topic: str, incident: Incident | None) -> None:
-        """Show what is wrong with a node for as long as it is; on no terminal say when it begins and ends."""
+        """Show what is wrong with a node for as long as it is; without a terminal print begin and end."""
         line = ""
         if incident is not None:
             advice = f" -> {incident.advice}" if incident.advice else ""

@@ -34,7 +34,7 @@ FIRST_DATA_S = 5.0
 @app.command("list")
 def list_devices(
     drivers: Annotated[
-        list[str] | None, argument("Drivers of one's own; default: those palp knows.", "[MODULE:CLASS]...")
+        list[str] | None, argument("Your own drivers; default: those palp knows.", "[MODULE:CLASS]...")
     ] = None,
     *,
     as_json: JsonOption = False,

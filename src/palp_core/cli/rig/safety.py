@@ -1,4 +1,4 @@
-"""``palp safety`` and ``palp stop``: what the safety node says, stopping, and leaving a trip behind."""
+"""``palp safety`` and ``palp stop``: the state of the safety node, stopping, and acknowledging a trip."""
 
 import sys
 from typing import Annotated, Any

@@ -93,7 +93,7 @@ def seal(
 
     given = write_key(key, load_phantoms(phantoms), new=True)
     print_table([["phantom", "sticker"], *sorted([own, code] for code, own in given.items())])
-    note(f"sealed: {key}; whoever takes part in the session must not see the lines above")
+    note(f"sealed: {key}; keep the lines above from all who take part in the session")
 
 
 def unseal(
@@ -103,7 +103,7 @@ def unseal(
     key: Annotated[Path | None, option("The key; default: DIR/key.sealed.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """The report is made, and the audit says when, why and by whom it was opened."""
+    """The report is made, and the audit has when, why and by whom it was opened."""
     from palp_core.palpation.session.human.blinding import unseal as open_session
     from palp_core.palpation.session.human.report import write_human
     from palp_core.palpation.session.run_note import read_note

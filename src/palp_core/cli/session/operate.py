@@ -39,18 +39,18 @@ def operate(*, timeout: options.TimeoutOption = 5.0, graph: options.GraphOption 
                 elif received is None and (line := typed()) is not None:
                     desk.answer(line)
     note_ended(running)
-    if desk.unheard:
+    if desk.undelivered:
         raise typer.Exit(1)
 
 
 class Desk:
-    """The operator's screen, and where an answer goes; ``unheard``: no node took the last before the end."""
+    """The operator's screen, and where an answer goes; ``undelivered``: no node took the last."""
 
     def __init__(self, running: RunningGraph, topics: list[Topic], timeout_s: float) -> None:
         self._running, self._timeout_s = running, timeout_s
         self._topics = {topic.name: topic for topic in topics}
         self._prompts: list[tuple[str, dict[str, Any]]] = []
-        self.unheard = False
+        self.undelivered = False
 
     def show(self, frame: Frame) -> None:
         """Show a message: a prompt as a line of its own, what changes all the time over itself."""
@@ -72,7 +72,7 @@ class Desk:
         sys.stdout.flush()
 
     def answer(self, line: str) -> None:
-        """Send what was typed to whoever asked last; what may be a name does not leave this terminal."""
+        """Send what was typed to the node that asked last; a name does not leave this terminal."""
         from palp_core.palpation.session.human.questions import refuse_names
 
         if not self._prompts:
@@ -86,7 +86,7 @@ class Desk:
                 node, "call", timeout_s=self._timeout_s, retries=2, service="answer", request=request
             )["reply"]
         except PalpError as error:
-            self.unheard = isinstance(error, GraphError) and not self._running.alive
+            self.undelivered = isinstance(error, GraphError) and not self._running.alive
             note(str(error))
             return
         if not reply["taken"]:

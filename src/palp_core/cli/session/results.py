@@ -183,7 +183,7 @@ def export(
     to: Annotated[Literal["csv", "parquet", "mat"], option("The format.")],
     *,
     out: Annotated[
-        Path | None, option("Folder; of mat the file. Default: beside DIR or BAG.", "--out", "-o")
+        Path | None, option("Folder; of mat the file. Default: next to DIR or BAG.", "--out", "-o")
     ] = None,
     overwrite: Annotated[bool, option("An earlier export is replaced.", "--overwrite")] = False,
 ) -> None:

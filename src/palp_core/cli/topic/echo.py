@@ -44,7 +44,7 @@ def echo(
     include_message_info: Annotated[
         bool, option("Sequence, epoch and stamp, too.", "--include-message-info", "-i")
     ] = False,
-    no_lost_messages: Annotated[bool, option("Do not say how many were lost.", "--no-lost-messages")] = False,
+    no_lost_messages: Annotated[bool, option("Do not report lost messages.", "--no-lost-messages")] = False,
     qos_reliability: Annotated[
         Literal["best_effort", "reliable"] | None, option("Default: as the publisher offers.")
     ] = None,

@@ -167,7 +167,7 @@ def hz(
     timeout: LongestOption = 10.0,
 ) -> None:
     """Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
-    process is too slow to hear every message. Each reader's own account follows. A report each second, or a
+    process is too slow to read every message. Each reader's own account follows. A report each second, or a
     single one with --once or --json.
     """
     clock = call.graph.record.clock

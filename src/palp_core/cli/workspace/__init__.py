@@ -1,1 +1,1 @@
-"""``palp init`` and ``palp new``: a workspace of one's own, and what goes into it."""
+"""``palp init`` and ``palp new``: a workspace, and what goes into it."""

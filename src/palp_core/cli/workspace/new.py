@@ -122,7 +122,7 @@ def driver(
     print_text(f"in a launch file, of the node of that device: device: {run}")
     if kind == "stage":
         print_text(
-            f"in the rig, which must be told what stops it: palp launch rig:rig.yaml stage_device:={run} "
+            f"in the rig, with what stops it: palp launch rig:rig.yaml stage_device:={run} "
             "safety:stop_link:=none 'safety:options:={}' 'stage:options:={}'"
         )
 
@@ -130,7 +130,7 @@ def driver(
 def _tests_of(workspace: Path, package: str) -> Path:
     """Return where a workspace keeps the tests of its nodes, messages or drivers, from the workspace.
 
-    It is a folder of the package's name in the first folder that pytest is told to look in, or that folder.
+    It is a folder of the package's name in the first folder of the test paths of pytest, or that folder.
     """
     settings = {}
     if (workspace / "pyproject.toml").is_file():

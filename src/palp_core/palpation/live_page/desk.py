@@ -10,11 +10,11 @@ from palp_core.view.source.protocol import Sample, ViewSource, open_watches
 
 PROMPT, COUNTDOWN, BARS, DONE = "Prompt", "Countdown", "EffortBars", "HumanTrialDone"
 ANSWER = "answer"
-"""The service of whoever asks."""
+"""The service of the node that asks."""
 
 
 class Question(msgspec.Struct, frozen=True):
-    """What is asked, or only told where ``kind`` is ``none``; an answer names its node and number."""
+    """What is asked, or only shown where ``kind`` is ``none``; an answer names its node and number."""
 
     node: str
     number: int
@@ -25,7 +25,7 @@ class Question(msgspec.Struct, frozen=True):
 
 
 class HumanTrialRow(msgspec.Struct, frozen=True):
-    """A trial of a person that is over; lengths in mm. What the truth was is not told."""
+    """A trial of a person that is over; lengths in mm. Without the truth."""
 
     phase: str
     number: int
@@ -96,7 +96,7 @@ class DeskMonitor:
 
     @property
     def question(self) -> Question | None:
-        """What stands: what was asked last, else what was told last; None before the first."""
+        """What was asked last, else shown last; None before the first."""
         found = sorted(self._prompts.values(), key=lambda one: (one.kind != "none", one.stamp_ns))
         return found[-1] if found else None
 

@@ -246,7 +246,7 @@ class RigMonitor:
 
     @property
     def ring_m(self) -> float | None:
-        """Where the ring is asked to be; None before anybody said."""
+        """Where the ring is asked to be; None before its first state."""
         return self.ring["target_m"] if self.ring is not None else None
 
     def bands(self, ring_m: float | None) -> list[Band]:
@@ -254,13 +254,13 @@ class RigMonitor:
 
     @property
     def position_m(self) -> float | None:
-        """Where the stage is, by its report where there is one; None before it said so."""
+        """Where the stage is, by its report where there is one; None before its first report."""
         report = self.latest("StageReport")
         return report["y_m"] if report is not None else self.sweep.position_m
 
     @property
     def depth_mm(self) -> float:
-        """How deep the bead of the mounted phantom is; 0 where it has none, or nobody told."""
+        """How deep the bead of the mounted phantom is; 0 where it has none, or is unknown."""
         return round(1e3 * self.mounted["depth_m"], 6) if self.mounted is not None else 0.0
 
     @property

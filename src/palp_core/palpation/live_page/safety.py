@@ -1,4 +1,4 @@
-"""How the safety node stands, in words that say what to do."""
+"""The state of the safety node, and what to do."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SILENT_S = 1.0
 
 
 class SafetyStatus(msgspec.Struct, frozen=True):
-    """What is said of safety: a word, how bad it is (``ok``, ``warn``, ``error``), cause and advice."""
+    """The state of safety: a word, how bad it is (``ok``, ``warn``, ``error``), cause and advice."""
 
     word: str
     level: str
@@ -28,7 +28,7 @@ OPERATOR = "operator"
 """Cause of a stop that somebody wanted."""
 BY_OPERATOR = "nothing moves, all nodes go on; somebody asked for it"
 STOPPED_ON_PURPOSE = "stopped on purpose"
-NO_BEAT = SafetyStatus("safety not heard yet", "unknown")
+NO_BEAT = SafetyStatus("no heartbeat of safety yet", "unknown")
 OVER = SafetyStatus("over", "unknown", "the graph has ended; no safety node watches the rig any more")
 
 
@@ -45,7 +45,7 @@ def safety_status(beat: dict[str, Any] | None, silent_s: float) -> SafetyStatus:
         why = ": ".join(part for part in (BY_OPERATOR if cause == OPERATOR else cause, text) if part)
         return SafetyStatus(word, "error", why, advice, tripped=True)
     if state == "starting":
-        return SafetyStatus("nothing may move yet", "warn", "all that is watched has to be heard first")
+        return SafetyStatus("nothing may move yet", "warn", "every watched node has to report first")
     word = MOVING if state == "moving" else "ready"
     return SafetyStatus(word, "warn" if beat.get("warning", "") else "ok", beat.get("warning", ""))
 
@@ -78,7 +78,7 @@ def acknowledge_text(reply: Mapping[str, Any]) -> str:
 def heading(troubles: Sequence[Trouble]) -> tuple[str, list[Trouble]] | None:
     """Return what heads a page while somebody's stop holds, and what else is wrong; None while none does.
 
-    Who stopped it, and what to do, stands beside the button.
+    Who stopped it, and what to do, stands next to the button.
     """
     rest = [one for one in troubles if not one.text.startswith(f"tripped: {OPERATOR}")]
     return (STOPPED_ON_PURPOSE, rest) if len(rest) < len(troubles) else None

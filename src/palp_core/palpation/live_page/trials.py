@@ -49,7 +49,7 @@ class TrialBelief:
             self.probes.append(JudgedProbe(belief["iteration"], gain, entropy_bits(belief["posterior"])))
 
     def look(self, outlook: dict[str, Any]) -> None:
-        """Take an ``Outlook``: what the sweep under way says."""
+        """Take an ``Outlook``: the posterior of the sweep under way."""
         if outlook["trial"] == self.trial and outlook["iteration"] > len(self.probes):
             self._show(outlook)
             self.within_sweep = True

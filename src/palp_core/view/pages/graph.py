@@ -137,7 +137,7 @@ def wire_line(wire: WireState) -> str:
 
 
 def wire_text(wire: WireState) -> str:
-    """Return all that a reader's account says of a topic; without one, as of a bag, from where to where."""
+    """Return a reader's whole account of a topic; without one, as of a bag, from where to where."""
     ends = f", an action for /{wire.source}" if wire.type == ACTION else f" -> /{wire.reader}"
     counts = {"received": wire.received, "lost": wire.lost, "late": wire.late}
     known = [f"{count} {name}" for name, count in counts.items() if count is not None]
@@ -172,7 +172,7 @@ def graph_page(viewer: Viewer) -> None:
 
 
 class EndPanel:
-    """Ends the graph as Ctrl-C at its launch does; what forbids it stands beside the button."""
+    """Ends the graph as Ctrl-C at its launch does; what forbids it stands next to the button."""
 
     def __init__(self, viewer: Viewer) -> None:
         assert viewer.operator is not None

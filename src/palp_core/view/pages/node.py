@@ -1,4 +1,4 @@
-"""The page of a node: state, lifecycle, parameters, what it reads and says, its log as it comes."""
+"""The page of a node: state, lifecycle, parameters, what it reads and publishes, its log."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STATE_S, LOG_S = 1.0, 0.5
 QUESTION = "This graph moves something, and may rely on this node meanwhile. Go on?"
 MOST_LOG_LINES, MOST_LETTERS = 400, 4000
 FIRST_BYTES, MOST_BYTES = 64 << 10, 256 << 10
-"""Read at first, and at one look; of a node that prints more, the page says how much is left out."""
+"""Read at first, and at one look; of a node that prints more, the page shows how much is left out."""
 
 
 def node_page(viewer: Viewer, name: str) -> None:
@@ -109,7 +109,7 @@ def _lifecycle(viewer: Viewer, name: str, outcome: StatusLine) -> None:
             outcome.show(f"{transition}: it is {reached} now")
 
     async def renew() -> None:
-        outcome.show("it is loaded anew ...")
+        outcome.show("restarting ...")
         answer = await outcome.run(operator.swap, name, "")
         if answer is not None:
             outcome.show(*swap_text(answer))

@@ -17,7 +17,7 @@ TITLES = ("Name", "In force", "Another value")
 
 
 def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]:
-    """Put up a node's parameters; they are asked for anew when another class, or process, has its place."""
+    """Put up a node's parameters; they are asked for again when another class, or process, has its place."""
     live = viewer.live
     assert live is not None
     box, outcome = ui.element("div").props('data-what="parameters"'), StatusLine()
@@ -48,7 +48,7 @@ def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]
 
 
 def _at_work(viewer: Viewer, name: str) -> object:
-    """Return what tells the class at work, and its process, from those before."""
+    """Return the class at work and its process."""
     return next(((one.run, one.pid) for one in viewer.source.overview().nodes if one.name == name), None)
 
 

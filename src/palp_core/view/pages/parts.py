@@ -172,7 +172,7 @@ class StatusLine:
         self._label.text = text
 
     async def run(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
-        """Do something that waits, on a thread; return what it returns, or tell why not and return None."""
+        """Do something that waits, on a thread; return what it returns, or show why not and return None."""
         try:
             return await run.io_bound(work, *given, **named)
         except PalpError as error:
@@ -231,7 +231,7 @@ class UrgentButton(Element, component="urgent_button.js"):  # type: ignore[misc,
         self._props.update(name=name, label=label, done=done)
 
     def allow(self, refusal: str) -> None:
-        """Let it be pressed if there is no refusal; else it says why not."""
+        """Let it be pressed if there is no refusal; else it shows why not."""
         if self._props.get("refusal", "") != refusal:
             self._props["refusal"] = refusal
             self.update()

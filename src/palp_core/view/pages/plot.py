@@ -133,7 +133,7 @@ def plot_panel(
             toggle()
 
     def remember() -> None:
-        """Let the page's address tell what is plotted: a page that is loaded anew goes on with it."""
+        """Keep what is plotted in the page's address: a page that is loaded again goes on with it."""
         query = {"fields": ",".join(series.field for series in plotted.series), "window": span.value}
         ui.navigate.history.replace(f"?{urlencode(query, safe=',[]')}")
 
@@ -188,7 +188,7 @@ def _is_plottable(field: str, schema: dict[str, Any]) -> bool:
 
 
 def points_text(labelled: Sequence[tuple[str, Float64Array]]) -> str:
-    """Return what is said of points that are saved.
+    """Return a summary of points that are saved.
 
     >>> points_text([("q", np.array([(1.0, 0.0), (3.5, 0.0)]))])
     '2 points, from 1 s to 3.5 s'

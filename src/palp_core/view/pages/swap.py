@@ -27,7 +27,7 @@ ASK_AGAIN_S = 1.0
 
 
 def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]) -> None:
-    """Put up the panel of a node; after a swap it calls what tells the rest of the page."""
+    """Put up the panel of a node; after a swap it updates the rest of the page."""
     live, operator = viewer.live, viewer.operator
     if live is None or operator is None:
         return
@@ -95,7 +95,7 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
 
 
 class _ByName(ui.select):  # type: ignore[misc]
-    """A choice that a browser tells by its name: by its place it would be another once the list changes."""
+    """A choice that a browser sends by its name: its place is that of another once the list changes."""
 
     def _event_args_to_value(self, e: Any) -> Any:
         if isinstance(e.args, dict):

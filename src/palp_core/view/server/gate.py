@@ -125,7 +125,7 @@ async def _refuse(scope: Scope, send: Send, status: int, text: str) -> None:
 
 
 def _bounded(receive: Receive) -> Receive:
-    """Return what receives a request whose body is bounded, whatever its header says."""
+    """Return what receives a request whose body is bounded, whatever its header has."""
     taken = 0
 
     async def take() -> Message:
@@ -140,11 +140,11 @@ def _bounded(receive: Receive) -> Receive:
 def _with_headers(send: Send) -> Send:
     """Return what sends answers with what a browser is to keep to; a page's own policy stays."""
 
-    async def say(message: Message) -> None:
+    async def forward(message: Message) -> None:
         if message["type"] == "http.response.start":
             own: Iterable[tuple[bytes, bytes]] = message.get("headers", ())
             known = {name.lower() for name, _ in own}
             message["headers"] = [*own, *(pair for pair in HEADERS if pair[0] not in known)]
         await send(message)
 
-    return say
+    return forward

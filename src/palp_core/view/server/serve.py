@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"
 LONGEST_WORD = 1 << 20
-"""Bytes of what a browser may say at once."""
+"""Bytes of one message of a browser."""
 TURN_S = 1e-3
 """So long one thread computes while another wants to: a press has its turn after no more than this."""
 IDLE_S = 60.0

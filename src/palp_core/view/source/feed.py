@@ -28,7 +28,7 @@ BATCH_S = {"wall": 0.01, "sim": 0.1}
 """By the graph's clock: messages are taken off the wire so often at most, many at once if need be."""
 SLICE_NS = 20_000_000
 LONGEST_MESSAGE = 1 << 20
-"""Bytes; of a longer one it is only said that it came: a page would be as large."""
+"""Bytes; of a longer one only the length is shown: a page would be as large."""
 ASK_S = 1.0
 
 

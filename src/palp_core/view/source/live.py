@@ -70,7 +70,7 @@ class LiveSource:
 
     @property
     def known(self) -> bool:
-        """Whether the launch file's word is there: before it, nobody can tell whether something moves."""
+        """Whether the launch file is known: before, it is not known whether something moves."""
         return bool(self._launch)
 
     def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
@@ -91,7 +91,7 @@ class LiveSource:
         return {**found, "folder": self._folder} if found else {}
 
     def events(self) -> list[GraphEvent]:
-        """Return what the launcher has said, as far back as it remembers."""
+        """Return the launcher's events, as far back as it keeps them."""
         with self._lock:
             return list(self._events)
 
@@ -155,7 +155,7 @@ class LiveSource:
             self._overview = overview
 
     def _ask_launcher(self, graph: RunningGraph) -> None:
-        """Ask for the time, and for what the launch file says if who there is has changed."""
+        """Ask for the time, and for the launch file if the nodes have changed."""
         reply = graph.ask(LAUNCHER, "clock", timeout_s=ASK_S)
         self._clock = int(reply["now_ns"]), monotonic_ns()
         if self._launch_of is not graph.record:
@@ -195,7 +195,7 @@ class LiveSource:
 
 
 def swaps_named(graph: RunningGraph, nodes: list[NodeRow]) -> list[NodeRow]:
-    """Return rows in which a node that changes hands is told as that; the launcher is asked if one rests."""
+    """Return rows in which a node that changes hands has that state; the launcher is asked if one rests."""
     if all(row.state != "inactive" for row in nodes):
         return nodes
     try:

@@ -78,7 +78,7 @@ def of_event(node: str, event: GraphEvent | NodeEvent) -> TimelineEvent:
 
 
 def of_status(node: str, sample: Sample) -> TimelineEvent | None:
-    """Return how a node says that it stands; None where it begins well, which is no news."""
+    """Return the state that a node reports; None where it begins well, which is no news."""
     level, text = sample.message.get("level", OK), sample.message.get("text", "")
     if level == OK and sample.sequence == 1:
         return None

@@ -13,7 +13,7 @@ export default {
     <text class="label" :x="Math.max(size.from, size.to) + 9" :y="size.slab + 18">mm</text>
     <g :transform="'translate(' + at.y + ' ' + lowest + ')'" data-what="probe">
       <rect class="stage" x="-14" :y="-arm - 12" width="28" height="9" rx="1.5"/>
-      <text class="label" :class="{ end: at.y > 0 }" :x="at.y > 0 ? -17 : 17" :y="-arm - 5">{{ told.y ? "stage " + at.y.toFixed(0) + " mm" : "stage: not told" }}</text>
+      <text class="label" :class="{ end: at.y > 0 }" :x="at.y > 0 ? -17 : 17" :y="-arm - 5">{{ known.y ? "stage " + at.y.toFixed(0) + " mm" : "stage: unknown" }}</text>
       <rect class="sensor" x="-7" :y="-arm - 3" width="14" height="5"/>
       <line class="link" x1="0" x2="0" :y1="-arm + 2" :y2="-size.tip"/>
       <g :transform="'rotate(' + at.lean + ' 0 ' + -size.tip + ')'">
@@ -24,12 +24,12 @@ export default {
       <line class="spring" :x1="0" :x2="-ends.x" :y1="-size.tip - at.ring" :y2="-size.tip - ends.y"/>
       <line class="spring" :x1="0" :x2="ends.x" :y1="-size.tip - at.ring" :y2="-size.tip + ends.y"/>
       <rect class="ring" x="-9" :y="-size.tip - at.ring - 1.5" width="18" height="3" rx="1.5"/>
-      <text class="label" :class="{ end: at.y > 0 }" :x="at.y > 0 ? -13 : 13" :y="-size.tip - at.ring + 1">{{ told.ring ? "ring " + at.ring.toFixed(1) + " mm" : "ring: not told" }}</text>
+      <text class="label" :class="{ end: at.y > 0 }" :x="at.y > 0 ? -13 : 13" :y="-size.tip - at.ring + 1">{{ known.ring ? "ring " + at.ring.toFixed(1) + " mm" : "ring: unknown" }}</text>
       <circle class="joint" cx="0" :cy="-size.tip" r="1.8"/>
     </g>
   </svg></div>`,
   props: { size: Object, bead: { type: Number, default: 0 }, words: String },
-  data() { return { at: { y: this.size.from, ring: 0, lean: 0, lift: this.size.lift }, told: {} }; },
+  data() { return { at: { y: this.size.from, ring: 0, lean: 0, lift: this.size.lift }, known: {} }; },
   computed: {
     arm() { return this.size.base + this.size.tip; },
     left() { return Math.min(this.size.from, this.size.to) - 54; }, // the tip leans as far out
