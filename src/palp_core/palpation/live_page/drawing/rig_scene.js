@@ -45,7 +45,7 @@ export default {
   methods: {
     go(goal, withinMs, number) {
       this.$emit("taken", number);
-      for (const name of Object.keys(goal)) this.told[name] = true;
+      for (const name of Object.keys(goal)) this.known[name] = true;
       const from = { ...this.at }, begun = performance.now();
       cancelAnimationFrame(this.frame);
       const step = (now) => {
