@@ -81,7 +81,7 @@ TERMINATED = 143
 
 
 def ros2(
-    map_: Annotated[str, argument("Module (nodes.ros2_map) or file (map.py): docs/how_to/ros2.md.", "MAP")],
+    map_: Annotated[str, argument("Module (nodes.ros2_map) or file: docs/how_to/ros2.md.", "MAP")],
     *,
     check: Annotated[bool, option("Check the map, let nothing cross.", "--check")] = False,
     operate: Annotated[

@@ -72,6 +72,8 @@ def test_a_value_that_is_no_number_is_refused_by_name() -> None:
 
 
 def test_the_page_has_every_parameter_as_it_is() -> None:
-    page = (Path(__file__).resolve().parents[3] / "docs" / "explanation" / "world.md").read_text(encoding="utf-8")
+    page = (
+        Path(__file__).resolve().parents[3].joinpath("docs/explanation/world.md").read_text(encoding="utf-8")
+    )
     for name, unit in units().items():
         assert f"| `{name}` | {unit} | {LAB.values()[name]:g} | {basis()[name]} |\n" in page
