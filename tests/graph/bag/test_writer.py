@@ -1,6 +1,4 @@
 import io
-import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,6 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
-from tests.support.node_js import node_with
 
 LAWS = settings(deadline=None, max_examples=25)
 U64 = st.integers(0, 2**63 - 1)
@@ -57,33 +54,6 @@ def test_the_mcap_package_reads_everything_with_its_crcs(tmp_path: Path, kit: An
     assert schema is not None
     assert (channel.message_encoding, schema.encoding, schema.name) == ("msgpack", "jsonschema", "Block")
     assert msgpack.unpackb(message.data)["counts"] == [0, 1]
-
-
-NODE = """
-const { McapStreamReader } = require("@mcap/core");
-const reader = new McapStreamReader({ validateCrcs: true });
-reader.append(require("fs").readFileSync(process.argv[1]));
-const counts = {}, topics = {};
-for (let record; (record = reader.nextRecord()); ) {
-  if (record.type === "Channel") topics[record.id] = record.topic;
-  if (record.type === "Message") {
-    const topic = topics[record.channelId];
-    counts[topic] = (counts[topic] || 0) + 1;
-  }
-}
-console.log(JSON.stringify({ counts, done: reader.done() }));
-"""
-
-
-@pytest.mark.nightly
-def test_mcap_core_in_node_reads_the_file(tmp_path: Path, kit: Any) -> None:
-    node = node_with(tmp_path, "@mcap/core")
-    bag, _ = kit.record(tmp_path / "run", kit.run_frames(100), chunk_bytes=2048, compression="none")
-    result = subprocess.run(
-        [node, "-e", NODE, str(bag / "run_0.mcap")],
-        cwd=tmp_path, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert json.loads(result.stdout) == {"counts": {"/policy/mode": 2, "/torque/block": 100}, "done": True}
 
 
 @LAWS

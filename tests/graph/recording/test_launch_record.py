@@ -1,4 +1,4 @@
-"""``palp launch --record`` on the wall clock: a process of its own, from sample 0 on."""
+"""``palp launch --record``: from sample 0 on, on the wall clock in a process of its own."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from mcap.stream_reader import StreamReader
 from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.graph.clock import monotonic_ns
 from tests.support.live import recording
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, own_workspace, wait_for_line
+from tests.support.rig_session import ComposedGraph
 from tests.support.supervised import Running
 
 MOST_LOST_S = 0.6
@@ -201,3 +202,22 @@ def test_a_recorder_that_hangs_keeps_no_other_from_finishing_its_bag(
     out, _ = graph.communicate(timeout=PATIENCE_S)
     assert out.count(", nothing missing\n") == 2  # the other at once, the first when it was continued
     assert palp.all_gone()
+
+
+def test_in_lockstep_a_recording_holds_every_message_from_the_first(palp: Palp, tmp_path: Path) -> None:
+    done = palp.here("launch", CHAIN, "clock:=sim", "count:=50", "--record", tmp_path / "processes")
+    assert done.returncode == 0, done.stderr
+    assert "nothing missing" in done.stdout
+    chain: dict[str, object] = {"clock": "sim", "count": 50}
+    with own_workspace(), ComposedGraph(CHAIN, record=tmp_path / "composed", **chain) as graph:
+        graph.run()
+    assert graph.recorders.complete
+    equal = palp.run("bag", "diff", tmp_path / "composed", tmp_path / "processes")
+    assert equal.returncode == 0, equal.stdout
+    indices = to_numpy(tmp_path / "composed", "/relay/amplified", "index")
+    assert indices.tolist() == list(range(50))
+    raw = np.stack([m.value.torque_n_m for m in read(tmp_path / "composed", ["/source/sample"])])
+    amplified = np.stack([m.value.torque_n_m for m in read(tmp_path / "composed", ["/relay/amplified"])])
+    assert np.array_equal(2.0 * raw, amplified)
+    info = json.loads(palp.run("bag", "info", tmp_path / "composed", "--json").stdout)
+    assert {"/source/sample", "/relay/amplified", "/relay/_order"} <= set(info["topics"])
