@@ -60,9 +60,42 @@ run:
   fixed: nodes.policy_fixed:Fixed
   markov: nodes.policy_markov:Markov
 ```
+"""
 
-What files that share nodes share, and what `sets` does, is told in
-[The command line](../command_line.md#launch-files-that-share-nodes).
+_INCLUDES = """## Files that share nodes
+
+`include` brings the nodes of another file, before the file's own `nodes` or after them, as the keys are
+ordered:
+
+<!-- not run: a part of a launch file -->
+```yaml
+include:
+  - file: parts/experiment.yaml
+    args: {stop_link: $(var stop_link)}
+```
+
+- Arguments of the included file are arguments of the including one, too, through any number of files. `palp
+  graph args FILE` lists them, the included ones first.
+- An argument with a value under `args` is no longer one. The value may be a mapping.
+- If both files declare an argument, the including file's default, choices and help count. The type must be
+  the same, and both must accept the value. Of two included files the first one's declaration counts.
+- An included file sees only arguments that it, or a file that it includes, declares.
+- An input with an empty argument, `inputs: {guard: $(var guard)}`, stays open.
+- `sets` lets one value stand for several: with `protocol: {default: paper, choices: [paper, swift], sets:
+  {swift: {lift_mm: 6.0}}}`, `protocol:=swift` also sets `lift_mm`. A value that you give yourself wins.
+- `shared` gives a value to every node with a parameter of that name. The including file's values win. In an
+  include with a `namespace` they stay within it.
+
+## A report of your own
+
+`report: module:function` receives the `RunSummary` (`exit_code` 0 and `ended` empty if the run came to its
+end) and returns the text to print. The function may have these functions as attributes:
+
+- `prepare(summary)`: called before anything starts; raise a `PalpError` to refuse the run.
+- `advise(summary)`: called by `--check`; returns sentences to print.
+- `attach(summary)`: returns texts by name, which are kept with each record of the run (a bag's
+  `palp/launch.json`).
+- `begin(summary)`: called before the nodes become active.
 """
 
 
@@ -71,7 +104,7 @@ def launch_page() -> str:
     parts = [_HEAD]
     parts += ["\n".join(_section(place, keys)) for place, keys in SECTIONS.items()]
     parts.append(_SUBSTITUTIONS + "\n".join(f"- {text}" for text in SUBSTITUTIONS.values()) + "\n")
-    parts.append(_SELECTIONS)
+    parts += [_SELECTIONS, _INCLUDES]
     return "\n".join(parts)
 
 

@@ -13,9 +13,10 @@ from palp_core.cli.main import app
 
 _HEAD = """# The command line: every verb and flag
 
-Made from the verbs themselves; `palp VERB --help` says the same. How verbs find their graph, where numbers
-come from and
-what differs from ROS 2 is told in [The command line](../command_line.md).
+This page is generated; `palp VERB --help` prints the same. See also
+[which graph](../how_to/troubleshooting.md#which-graph)
+a verb uses, [exit codes and `--json`](exit_codes.md), and
+[what differs from ROS 2](../how_to/coming_from_ros2.md#what-differs).
 
 """
 

@@ -13,7 +13,7 @@ from tests.support.talkative import Talk, talk
 
 __all__ = ["talk"]
 
-PAGE = Path(__file__).parents[2] / "docs" / "command_line.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "exit_codes.md"
 ROW = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)
 WORDS = {
     "topic info": ("/source/sample",),
@@ -27,14 +27,14 @@ WORDS = {
     "param get": ("/source", "name"),
     "param set": ("/source", "name", "block"),
     "interface show": ("Sample",),
-    "bag play": (str(PAGE.parents[1] / "tests/golden/emg.mcap"), "--playback-duration", "0.2"),
+    "bag play": (str(PAGE.parents[2] / "tests/golden/emg.mcap"), "--playback-duration", "0.2"),
 }
 
 
 def promises() -> dict[str, tuple[bool, list[str]]]:
     """Per verb whether a list comes, and the keys of what it holds."""
     found = {}
-    table = PAGE.read_text(encoding="utf-8").partition("## For machines")[2]
+    table = PAGE.read_text(encoding="utf-8").partition("## Output for programs")[2]
     for verbs, keys in ROW.findall(table):
         for verb in re.findall("`([^`]+)`", verbs):
             found[verb] = (keys.startswith("a list of"), re.findall("`([^`]+)`", keys)[0].split())

@@ -50,19 +50,6 @@ def test_every_verb_loads_and_its_line_is_short_and_whole() -> None:
             assert re.search(rf"^  {name} +\S.*[^.]\.$", text, flags=re.MULTILINE), f"{path} {name}"
 
 
-def test_the_table_of_the_documentation_has_every_verb() -> None:
-    text = (Path(__file__).parents[2] / "docs/command_line.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `palp ?(\w*)` \| `([a-z0-9_ -]+)`", text, flags=re.MULTILINE)
-    known: dict[str, set[str]] = {"": set()}
-    for path, command in verbs(typer.main.get_command(app)):
-        _, name, *inner = path.split(" ")
-        if inner:
-            known.setdefault(name, set()).add(inner[0])
-        elif not hasattr(command, "commands"):
-            known[""].add(name)
-    assert {group: set(words.split()) for group, words in rows} == known
-
-
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
