@@ -20,7 +20,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import msgspec
 import numpy as np
-from compare_policies import compare
 from scipy.stats import t as student_t
 
 from palp_core.graph.launch.graph import Graph
@@ -32,10 +31,10 @@ if TYPE_CHECKING:
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 FIXED_MM = (0.0, 4.0, 8.0, 12.0, 16.0)
-POLICIES: dict[str, dict[str, Any]] = {
-    **{f"fixed_{mm:g}": {"policy": "fixed", "ring_mm": mm} for mm in FIXED_MM},
-    "markov": {"policy": "markov"},
-    "uniform": {"policy": "uniform"},
+POLICIES = {
+    **{f"fixed_{mm:g}": ["policy:=fixed", f"policy.ring_mm:={mm}"] for mm in FIXED_MM},
+    "markov": ["policy:=markov"],
+    "uniform": ["policy:=uniform"],
 }
 
 
@@ -118,6 +117,11 @@ def draw(summary: dict[str, Any], target: Path) -> None:
     target.write_bytes(charts.image(picture, "png"))
 
 
+def _share(line: dict[str, Any]) -> str:
+    interval = line["ci"]
+    return f"{line['value']:.1%}" + (f" ({interval[0]:.1%} to {interval[1]:.1%})" if interval else "")
+
+
 def main() -> None:
     """Run the sessions and print the tables; JSON and a chart beside them."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -133,8 +137,8 @@ def main() -> None:
     seeds = range(1, options.sessions + 1)
     common = {"trials": options.trials, "training": options.training}
     jobs = [
-        (options.out / name / str(seed), {**arguments, **common, "seed": seed}, options.overrides)
-        for name, arguments in chosen.items()
+        (options.out / name / str(seed), {**common, "seed": seed}, [*own, *options.overrides])
+        for name, own in chosen.items()
         for seed in seeds
     ]
     results: dict[str, list[dict[str, Any]]] = {name: [] for name in chosen}
@@ -144,15 +148,14 @@ def main() -> None:
             print(f"{out.parent.name} {out.name}: {result['accuracy']['overall']['value']:.1%}", flush=True)
     summary = summarise(results)
     (options.out / "policies.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    print(compare([out for out, *_ in jobs if out.name == "1"]))
-    lines = {name: row["accuracy"] for name, row in summary["policies"].items()}
+    print(f"{'policy':<14} accuracy; by depth; palpations a trial; calibration error; over-confidence")
+    for name, row in summary["policies"].items():
+        depths = ", ".join(f"{d} mm {_share(one)}" for d, one in row["per_depth_mm"].items())
+        rest = f"{row['probes_mean']:.1f}; {row['calibration_error']:.3f}; {row['overconfidence']:+.3f}"
+        print(f"{name:<14} {_share(row['accuracy'])}; {depths}; {rest}")
     if chosen == POLICIES:
         draw(summary, options.out / "policies.png")
-        lines["fixed_average"] = summary["fixed_average"]
-    for name, line in lines.items():
-        share, interval = line["value"], line["ci"]
-        print(f"{name:<14} {share:.1%}" + (f" ({interval[0]:.1%} to {interval[1]:.1%})" if interval else ""))
-    if chosen == POLICIES:
+        print(f"{'fixed_average':<14} {_share(summary['fixed_average'])}")
         print(f"best fixed: {summary['fixed_best']}")
 
 
