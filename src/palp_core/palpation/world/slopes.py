@@ -82,8 +82,6 @@ class TraceSlopes:
     # mean place of the ball in each bin of the nominal sweep, shape (m, k, K): where it sticks it stays, and
     # past a bead it goes faster than the stage
     place_m: Float64Array
-    normal_n: Float64Array  # largest normal force in each bin of the nominal sweep, shape (m, k, K)
-    normal_slope: Float64Array  # its change per unit of each latent, shape (m, k, K, l)
 
 
 def trace_slopes(
@@ -94,13 +92,13 @@ def trace_slopes(
     *,
     forward: bool = True,
     run_in: bool = True,
-    rung: str | Sequence[str] = "",
     steps: Float64Array | None = None,
 ) -> TraceSlopes:
     """Return what the binned trace of each depth and ring is, and how it answers to the latents.
 
-    Slopes are differences over a twentieth of each latent's reach to either side; to the square beside the
-    path from the scene's own on.
+    Slopes are differences over a step to either side: ``steps`` of each latent, shape (l,), as large as it is
+    likely to be, or a twentieth of its reach; to the square beside the path from the scene's own on.
+    ``edges_m`` are rising edges of bins, else of 2 mm over the path of the scene.
     """
     if edges_m is None:
         edges_m = bin_edges_m(scene.path.from_m, scene.path.to_m)
@@ -115,12 +113,11 @@ def trace_slopes(
     many = len(rows)
     mean = np.empty((len(depths_m), len(rings_m), len(bins.mean)))
     slope, bend = np.empty((*mean.shape, count)), np.empty((*mean.shape, count))
-    place_m, normal_n, normal_slope = np.empty(mean.shape), np.empty(mean.shape), np.empty(slope.shape)
-    asked = [rung] * len(depths_m) if isinstance(rung, str) else list(rung)
+    place_m = np.empty(mean.shape)
     for i, depth_m in enumerate(depths_m):
         own = scene.with_bead(depth_m)
         found = drag(
-            touch(own.phantom, own.probe, choose_rung(own, asked[i] or None).rung),
+            touch(own.phantom, own.probe, choose_rung(own).rung),
             np.tile(rows, (len(rings_m), 1)),
             np.repeat(np.asarray(rings_m), many),
             own.path.indentation_m,
@@ -134,15 +131,4 @@ def trace_slopes(
         curve = np.where(low < 0.0, 0.5 / np.maximum(step, 1e-12) ** 2, 0.0)[:, None]
         bend[i] = np.moveaxis((up + down - 2.0 * traces[:, :1]) * curve, 1, -1)
         place_m[i] = found.tip_m[::many] @ bins.spline.T @ bins.mean.T
-        pressed = _largest(bins, found.normal_n).reshape(len(rings_m), many, -1)
-        normal_n[i] = pressed[:, 0]
-        rise = pressed[:, 1 + count :] - pressed[:, 1 : 1 + count]
-        normal_slope[i] = np.moveaxis(rise / width[:, None], 1, -1)
-    return TraceSlopes(mean, slope, bend, place_m, normal_n, normal_slope)
-
-
-def _largest(bins: Bins, at_nodes: Float64Array) -> Float64Array:
-    """Return the largest value at a node within or beside each bin, shape (n, K), of values (n, p)."""
-    low, high = bins.edges_m[:-1, None] - NODE_M, bins.edges_m[1:, None] + NODE_M
-    near = (bins.node_m >= low) & (bins.node_m <= high)
-    return np.stack([at_nodes[:, one].max(axis=1) for one in near], axis=1)
+    return TraceSlopes(mean, slope, bend, place_m)

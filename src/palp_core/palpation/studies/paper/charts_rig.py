@@ -15,7 +15,6 @@ from palp_core.palpation.reporting.charts import (
     GREEN,
     GREY,
     INK,
-    VERMILION,
     Chart,
     depth_style,
     in_percent,
@@ -283,37 +282,5 @@ def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
         6.0,
         ["policy", "accuracy", "low", "high", "probes", "seconds", "ece"],
         [[n, t["accuracy"], *t["ci"], t["probes"], t["seconds"], t["ece"]] for n, t in table.items()],
-        draw,
-    )
-
-
-def calibration_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
-    """Stated confidence against actual accuracy, a dot a policy."""
-    rows = [[n, t["accuracy"] + t["overconfidence"], t["accuracy"], t["ece"]] for n, t in table.items()]
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.plot([0.3, 1], [0.3, 1], color=GREY, linestyle=":")
-        for name, stated, share, _ in rows:
-            axes.plot(stated, share, "o", color=VERMILION, markersize=4)
-            axes.annotate(
-                str(name).replace("_", " "),
-                (stated, share),
-                fontsize=7,
-                xytext=(3, -2),
-                textcoords="offset points",
-            )
-        in_percent(axes.xaxis)
-        in_percent(axes.yaxis)
-        tidy(axes, "", "mean stated confidence, %", "right, %")
-
-    return Chart(
-        "calibration",
-        "Is the stated confidence deserved?",
-        "Below the dotted line a policy is surer than it is right: the paper's filter takes readings that "
-        "share the ring's and the height's error for independent.",
-        4.2,
-        ["policy", "stated", "accuracy", "ece"],
-        rows,
         draw,
     )

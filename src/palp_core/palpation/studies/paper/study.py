@@ -65,7 +65,6 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         *charts_rig.figures_10_and_11(sessions, gel.depths_m, report["iterations"]),
         charts_rig.figure_12(report["policies"]),
         charts_rig.policies_chart(report["policies"]),
-        charts_rig.calibration_chart(report["policies"]),
     ]
     return publish(out, "paper", charts, report=report, tables={})
 
