@@ -9,16 +9,7 @@ import numpy as np
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5, markov
-from palp_core.palpation.reporting.charts import (
-    GREY,
-    INK,
-    VERMILION,
-    Chart,
-    depth_style,
-    in_percent,
-    legend,
-    tidy,
-)
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_OVER_TRIALS, HUMAN_RIGHT
 
 if TYPE_CHECKING:
@@ -42,7 +33,7 @@ def simulated_trial(seed: int, palpation_s: float = _SHOWN_S) -> EmgAnalysis:
     return analyse(both[:, start:], both[:, low:high], settings, rest=both[:, :low])
 
 
-def figure_3(seed: int) -> Chart:
+def figure_3(seed: int) -> charts.Chart:
     """Normalised EMG of both muscles and their co-contraction with its peaks."""
     found = simulated_trial(seed)
     step = 15
@@ -60,16 +51,18 @@ def figure_3(seed: int) -> Chart:
         panels = figure.subplots(3, 1, sharex=True)
         names = ("FDS", "EDC")
         for axes, values, name in zip(panels, found.normalised, names, strict=False):
-            axes.plot(time_s, values[::step], color=INK, linewidth=0.8)
-            in_percent(axes.yaxis)
-            tidy(axes, f"{name}, eq. (1)", "", "of MVC, %")
-        panels[2].plot(time_s, found.cocontraction[::step], color=INK, linewidth=0.8)
+            axes.plot(time_s, values[::step], color=charts.INK, linewidth=0.8)
+            charts.in_percent(axes.yaxis)
+            charts.tidy(axes, f"{name}, eq. (1)", "", "of MVC, %")
+        panels[2].plot(time_s, found.cocontraction[::step], color=charts.INK, linewidth=0.8)
         at = [peak.index for peak in found.peaks]
-        panels[2].plot([i / 1500.0 for i in at], found.cocontraction[at], "o", color=VERMILION, markersize=4)
-        in_percent(panels[2].yaxis)
-        tidy(panels[2], "co-contraction, eq. (3), and its peaks", "time, s", "of MVC, %")
+        panels[2].plot(
+            [i / 1500.0 for i in at], found.cocontraction[at], "o", color=charts.VERMILION, markersize=4
+        )
+        charts.in_percent(panels[2].yaxis)
+        charts.tidy(panels[2], "co-contraction, eq. (3), and its peaks", "time, s", "of MVC, %")
 
-    return Chart(
+    return charts.Chart(
         "figure_03_emg",
         "Figure 3: muscle activity of a trial",
         "The paper shows a recorded trial; ours is simulated: two muscles whose envelope follows the chain "
@@ -82,7 +75,7 @@ def figure_3(seed: int) -> Chart:
     )
 
 
-def figure_4() -> Chart:
+def figure_4() -> charts.Chart:
     """The human's accuracy as published: over trials what the text gives, and over all of them."""
     depths = list(HUMAN_RIGHT)
     shares = [HUMAN_RIGHT[d] / HUMAN_OF for d in depths]
@@ -94,20 +87,25 @@ def figure_4() -> Chart:
             said = [(trial, share) for d, trial, share in HUMAN_OVER_TRIALS if str(d) == depth]
             shift = 0.06 * (i - 1)  # 4 and 8 mm have the same number
             at = [trial + shift for trial, _ in said]
-            over.plot(at, [share for _, share in said], **depth_style(i), label=f"{depth} mm")
+            over.plot(at, [share for _, share in said], **charts.depth_style(i), label=f"{depth} mm")
         over.annotate('"above 80 %"', (2.0, 0.80), xytext=(2.1, 0.84), fontsize=8)
         over.set_xlim(0.5, 5.5)
-        tidy(over, "(a) what the text gives", "trial", "right, %")
-        colours = [depth_style(i)["color"] for i in range(len(depths))]
-        axes.bar([f"{d} mm" for d in depths] + ["all"], [*shares, overall], color=[*colours, GREY], width=0.6)
+        charts.tidy(over, "(a) what the text gives", "trial", "right, %")
+        colours = [charts.depth_style(i)["color"] for i in range(len(depths))]
+        axes.bar(
+            [f"{d} mm" for d in depths] + ["all"],
+            [*shares, overall],
+            color=[*colours, charts.GREY],
+            width=0.6,
+        )
         for panel in (over, axes):
-            panel.axhline(1 / 3, color=INK, linestyle=":", linewidth=1.0)
+            panel.axhline(1 / 3, color=charts.INK, linestyle=":", linewidth=1.0)
             panel.set_ylim(0, 1)
-            in_percent(panel.yaxis)
-        legend(figure, handles=over.get_lines()[: len(depths)], ncols=len(depths))
-        tidy(axes, "(b) all trials", "", "")
+            charts.in_percent(panel.yaxis)
+        charts.legend(figure, handles=over.get_lines()[: len(depths)], ncols=len(depths))
+        charts.tidy(axes, "(b) all trials", "", "")
 
-    return Chart(
+    return charts.Chart(
         "figure_04_human_accuracy",
         "Figure 4: the human's accuracy (published numbers)",
         "Six subjects, five trials a depth. Published: 80, 56.7 and 56.7 %, about 65 % in all; nothing here "
@@ -121,7 +119,7 @@ def figure_4() -> Chart:
     )
 
 
-def figure_5() -> Chart:
+def figure_5() -> charts.Chart:
     """The transition matrices, reconstructed to the published eigenvalues, and the control."""
     kinds: tuple[figure5.Reconstruction, ...] = ("ar1", "tridiagonal")
     rows = [
@@ -148,7 +146,7 @@ def figure_5() -> Chart:
         bar.set_label("probability", fontsize=8.5)
         bar.ax.tick_params(labelsize=8)
 
-    return Chart(
+    return charts.Chart(
         "figure_05_matrices",
         "Figure 5: the human's transition matrices (reconstructions)",
         "Column: present level; row: next. Published as pictures without legible entries; both rows have "

@@ -10,18 +10,7 @@ import numpy as np
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.reporting.charts import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    Chart,
-    depth_style,
-    in_percent,
-    legend,
-    ring_colours,
-    tidy,
-)
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.studies.paper.numbers import PUBLISHED
 from palp_core.palpation.studies.plan import (
     FROM_M,
@@ -42,7 +31,7 @@ if TYPE_CHECKING:
 SHOWN = 8  # iterations
 
 
-def figure_7b(gel: Gel) -> Chart:
+def figure_7b(gel: Gel) -> charts.Chart:
     """Joint stiffness over the joint's angle, eq. (6)."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 91)
     probe = Probe()
@@ -51,12 +40,12 @@ def figure_7b(gel: Gel) -> Chart:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for ring_m, curve, colour in zip(gel.rings_m, curves, ring_colours(len(curves)), strict=True):
+        for ring_m, curve, colour in zip(gel.rings_m, curves, charts.ring_colours(len(curves)), strict=True):
             axes.plot(np.degrees(angle), curve, color=colour, label=f"r_a = {ring_m * 1e3:g} mm")
-        legend(axes)
-        tidy(axes, "K_s = 2 r_a R k_s cos q", "joint angle q, degrees", "stiffness, N mm/rad")
+        charts.legend(axes)
+        charts.tidy(axes, "K_s = 2 r_a R k_s cos q", "joint angle q, degrees", "stiffness, N mm/rad")
 
-    return Chart(
+    return charts.Chart(
         "figure_07b_stiffness",
         "Figure 7(b): joint stiffness",
         "Eq. (6) with the published R = 6.8 mm and k_s = 0.24 N/mm: the same curves as the paper's.",
@@ -67,7 +56,7 @@ def figure_7b(gel: Gel) -> Chart:
     )
 
 
-def figure_8(gel: Gel, conditions: Conditions, seed: int, count: int = 25) -> Chart:
+def figure_8(gel: Gel, conditions: Conditions, seed: int, count: int = 25) -> charts.Chart:
     """Mean and spread of de-noised sweeps at 8 mm, per ring position."""
     rng = np.random.default_rng(seed)
     stage_mm = 1e3 * np.arange(FROM_M, TO_M, SPEED_M_PER_S / RATE_HZ)
@@ -86,17 +75,19 @@ def figure_8(gel: Gel, conditions: Conditions, seed: int, count: int = 25) -> Ch
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for ring_m, (mean, sd), colour in zip(gel.rings_m, bands, ring_colours(len(bands)), strict=True):
+        for ring_m, (mean, sd), colour in zip(
+            gel.rings_m, bands, charts.ring_colours(len(bands)), strict=True
+        ):
             axes.fill_between(
                 stage_mm[inside], (mean - sd)[inside], (mean + sd)[inside], color=colour, alpha=0.3
             )
             axes.plot(stage_mm[inside], mean[inside], color=colour, label=f"{ring_m * 1e3:g} mm")
             top = inside.start + int(np.argmax(mean[inside]))
             axes.plot(stage_mm[top], mean[top], "o", color=colour, markersize=4)
-        legend(axes, "r_a")
-        tidy(axes, f"d = 8 mm, {count} palpations each", "stage, mm", "torque, N mm")
+        charts.legend(axes, "r_a")
+        charts.tidy(axes, f"d = 8 mm, {count} palpations each", "stage, mm", "torque, N mm")
 
-    return Chart(
+    return charts.Chart(
         "figure_08_sweeps",
         "Figure 8: de-noised torque at 8 mm",
         "Mean and standard deviation of the de-noised sweeps (db10, 5 levels), peaks marked. The spread is "
@@ -109,7 +100,7 @@ def figure_8(gel: Gel, conditions: Conditions, seed: int, count: int = 25) -> Ch
     )
 
 
-def figure_9(primitives: Primitives) -> Chart:
+def figure_9(primitives: Primitives) -> charts.Chart:
     """Memory primitives: a normal per depth and ring position."""
     depths_m, rings_m = primitives.depths_m, primitives.rings_m
     rows = [
@@ -125,12 +116,12 @@ def figure_9(primitives: Primitives) -> Chart:
             torque = np.linspace((mean - 4 * sd).min(), (mean + 4 * sd).max(), 300)
             for i in range(len(depths_m)):
                 density = np.exp(-0.5 * ((torque - mean[i]) / sd[i]) ** 2) / (sd[i] * np.sqrt(2 * np.pi))
-                look = {name: v for name, v in depth_style(i).items() if name != "marker"}
+                look = {name: v for name, v in charts.depth_style(i).items() if name != "marker"}
                 axes.plot(torque, density, label=f"{depths_m[i] * 1e3:g} mm", **look)
-            tidy(axes, f"r_a {rings_m[k] * 1e3:g} mm", "N mm", "density" if k == 0 else "")
-        legend(figure, "depth", handles=panels[0].get_lines(), ncols=len(depths_m))
+            charts.tidy(axes, f"r_a {rings_m[k] * 1e3:g} mm", "N mm", "density" if k == 0 else "")
+        charts.legend(figure, "depth", handles=panels[0].get_lines(), ncols=len(depths_m))
 
-    return Chart(
+    return charts.Chart(
         "figure_09_primitives",
         "Figure 9: memory primitives",
         "Normals fitted to 25 training peaks a cell in one session. At r_a = 0 the depths are one; the "
@@ -144,7 +135,7 @@ def figure_9(primitives: Primitives) -> Chart:
 
 def figures_10_and_11(
     sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float], took: Mapping[str, Any]
-) -> list[Chart]:
+) -> list[charts.Chart]:
     """Belief over iterations of two fixed positions and of the human strategy."""
     ours = ", ".join(f"{one['value']:.2f} at {depth} mm" for depth, one in took["by_depth"].items())
     captions = {
@@ -168,7 +159,7 @@ def figures_10_and_11(
 
 def _beliefs(
     name: str, title: str, caption: str, sessions: Sequence[Outcomes], depths_m: Sequence[float]
-) -> Chart:
+) -> charts.Chart:
     """Posterior mean depth over iterations, with standard errors over sessions: Figures 10 and 11."""
     curves = []
     for c in range(len(depths_m)):
@@ -185,25 +176,27 @@ def _beliefs(
         axes = figure.subplots()
         for i, (depth_m, (mean, error)) in enumerate(zip(depths_m, curves, strict=True)):
             at = np.arange(1, SHOWN + 1)
-            axes.errorbar(at, mean, error, **depth_style(i), markersize=3.5, label=f"{depth_m * 1e3:g} mm")
-            axes.axhline(1e3 * depth_m, color=depth_style(i)["color"], linewidth=0.6, linestyle=":")
-        legend(axes, "true depth")
-        tidy(axes, "", "iteration", "expected depth, mm")
+            axes.errorbar(
+                at, mean, error, **charts.depth_style(i), markersize=3.5, label=f"{depth_m * 1e3:g} mm"
+            )
+            axes.axhline(1e3 * depth_m, color=charts.depth_style(i)["color"], linewidth=0.6, linestyle=":")
+        charts.legend(axes, "true depth")
+        charts.tidy(axes, "", "iteration", "expected depth, mm")
 
     columns = ["iteration", "depth_mm", "expected_mm", "standard_error_mm"]
-    return Chart(name, title, caption, 3.4, columns, rows, draw)
+    return charts.Chart(name, title, caption, 3.4, columns, rows, draw)
 
 
 def _bars(axes: Axes, names: Sequence[str], table: Mapping[str, dict[str, Any]], colour: str) -> None:
     shares = [table[name]["accuracy"] for name in names]
     axes.bar(range(len(names)), shares, color=colour, width=0.7)
     for place, name in enumerate(names):
-        axes.plot([place, place], table[name]["ci"], color=INK, linewidth=1.4)
+        axes.plot([place, place], table[name]["ci"], color=charts.INK, linewidth=1.4)
     axes.set_ylim(0, 1.02)
-    in_percent(axes.yaxis)
+    charts.in_percent(axes.yaxis)
 
 
-def figure_12(table: Mapping[str, dict[str, Any]]) -> Chart:
+def figure_12(table: Mapping[str, dict[str, Any]]) -> charts.Chart:
     """Human, fixed and human strategy: the paper's three bars, ours, and the fixed position that is best."""
     published = {
         "fixed_average": PUBLISHED["fixed"]["overall"],
@@ -223,18 +216,18 @@ def figure_12(table: Mapping[str, dict[str, Any]]) -> Chart:
         for at, (_, paper, ours, *interval) in enumerate(rows):
             theirs, own = ("paper", "ours") if at == 1 else ("", "")
             if paper is not None:
-                axes.bar(at - 0.19, paper, width=0.35, color=GREY, label=theirs)
+                axes.bar(at - 0.19, paper, width=0.35, color=charts.GREY, label=theirs)
             if ours is not None:
-                axes.bar(at + 0.19, ours, width=0.35, color=BLUE, label=own)
-                axes.plot([at + 0.19] * 2, interval, color=INK, linewidth=1.4)
+                axes.bar(at + 0.19, ours, width=0.35, color=charts.BLUE, label=own)
+                axes.plot([at + 0.19] * 2, interval, color=charts.INK, linewidth=1.4)
         axes.set_xticks(range(len(rows)), names)
-        axes.axhline(1 / 3, color=INK, linestyle=":", linewidth=1.0, label="chance")
+        axes.axhline(1 / 3, color=charts.INK, linestyle=":", linewidth=1.0, label="chance")
         axes.set_ylim(0, 1.02)
-        in_percent(axes.yaxis)
-        legend(axes)
-        tidy(axes, "", "", "right, %")
+        charts.in_percent(axes.yaxis)
+        charts.legend(axes)
+        charts.tidy(axes, "", "", "right, %")
 
-    return Chart(
+    return charts.Chart(
         "figure_12_comparison",
         "Figure 12: human, fixed stiffness, human strategy",
         "Grey: as published. Blue: this study, with 95 % intervals over sessions. The paper compares with "
@@ -247,22 +240,22 @@ def figure_12(table: Mapping[str, dict[str, Any]]) -> Chart:
     )
 
 
-def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
+def policies_chart(table: Mapping[str, dict[str, Any]]) -> charts.Chart:
     """Accuracy of every policy, and beside it what it cost."""
     names = list(table)
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(2, 1, sharex=True)
-        _bars(left, names, table, BLUE)
+        _bars(left, names, table, charts.BLUE)
         for level, line, text in (
             (0.9, "-.", "paper, human strategy"),
             (0.667, "--", "paper, fixed"),
             (1 / 3, ":", "chance"),
         ):
-            left.axhline(level, color=INK, linestyle=line, linewidth=0.9, label=text)
-        legend(left)
-        tidy(left, "accuracy, 95 % intervals over sessions", "", "right, %")
-        right.bar(range(len(names)), [table[n]["seconds"] for n in names], color=GREEN, width=0.7)
+            left.axhline(level, color=charts.INK, linestyle=line, linewidth=0.9, label=text)
+        charts.legend(left)
+        charts.tidy(left, "accuracy, 95 % intervals over sessions", "", "right, %")
+        right.bar(range(len(names)), [table[n]["seconds"] for n in names], color=charts.GREEN, width=0.7)
         for place, name in enumerate(names):
             right.annotate(
                 f"{table[name]['probes']:.1f}",
@@ -272,9 +265,9 @@ def policies_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
                 va="bottom",
             )
         right.set_xticks(range(len(names)), [n.replace("_", " ") for n in names], rotation=45, ha="right")
-        tidy(right, "seconds a trial on the rig; above: probes", "", "s")
+        charts.tidy(right, "seconds a trial on the rig; above: probes", "", "s")
 
-    return Chart(
+    return charts.Chart(
         "policies",
         "Every policy on the same trials",
         "The paper's filter, feature and stop rule verbatim for all. Differences between policies are "

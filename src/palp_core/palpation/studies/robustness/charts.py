@@ -7,20 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import (
-    AMBER,
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    PINK,
-    VERMILION,
-    Chart,
-    in_percent,
-    legend,
-    number,
-    tidy,
-)
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.studies.robustness.cases import FACTORS, Factor
 from palp_core.palpation.studies.summary import Records
 
@@ -29,13 +16,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LOOKS: dict[str, tuple[str, str, str]] = {
-    "fixed_average": (GREY, ":", "x"),
-    "fixed_best": (INK, "-", "s"),
-    "markov": (AMBER, "--", "^"),
-    "uniform": (PINK, "-.", "v"),
-    "information_gain": (BLUE, "-", "o"),
-    "information_gain_latent": (GREEN, "-", "D"),
-    "reposition_best": (VERMILION, "--", "P"),
+    "fixed_average": (charts.GREY, ":", "x"),
+    "fixed_best": (charts.INK, "-", "s"),
+    "markov": (charts.AMBER, "--", "^"),
+    "uniform": (charts.PINK, "-.", "v"),
+    "information_gain": (charts.BLUE, "-", "o"),
+    "information_gain_latent": (charts.GREEN, "-", "D"),
+    "reposition_best": (charts.VERMILION, "--", "P"),
 }
 """Okabe and Ito's palette; line style and marker say the same again."""
 SHOWN = tuple(_LOOKS)
@@ -44,7 +31,7 @@ _MOST = 50.0
 """Points at which the colours of a lead end."""
 
 
-def factors_chart(records: Records, design: str, title: str) -> Chart:
+def factors_chart(records: Records, design: str, title: str) -> charts.Chart:
     """Draw the accuracy of every policy over every factor, a panel each."""
     own = [one for one in records if one["design"] == design and one["policy"] in _LOOKS]
     points = {factor.name: _points(factor, own) for factor in FACTORS}
@@ -61,18 +48,18 @@ def factors_chart(records: Records, design: str, title: str) -> Chart:
             _panel(axes, factor, points[factor.name])
         for axes in panels[:, 0]:
             axes.set_ylabel("right, %")
-            in_percent(axes.yaxis)
+            charts.in_percent(axes.yaxis)
         for axes in panels.flat[len(FACTORS) :]:
             axes.axis("off")
         handles, labels = panels.flat[0].get_legend_handles_labels()
-        legend(figure, "policy", handles=handles, labels=labels, ncols=4)
+        charts.legend(figure, "policy", handles=handles, labels=labels, ncols=4)
 
     caption = (
         "Mean over sessions with 95 % intervals; the other factors are at the paper's design. Chance is "
         "33.3 %. Positions are shifted a little so that intervals do not overlap."
     )
     columns = ["factor", "value", "policy", "accuracy", "low", "high"]
-    return Chart(f"robustness_accuracy_{design}", title, caption, 9.0, columns, rows, draw)
+    return charts.Chart(f"robustness_accuracy_{design}", title, caption, 9.0, columns, rows, draw)
 
 
 def _points(factor: Factor, records: Records) -> dict[str, dict[str, Mapping[str, Any]]]:
@@ -107,10 +94,10 @@ def _panel(axes: Axes, factor: Factor, points: Mapping[str, Mapping[str, Mapping
         words = [value.replace(" ", "\n", 1) if len(value) > 6 else value for value in points]
         axes.set_xticks(at, words, fontsize=7 if len(points) > 2 else 8)
         axes.margins(x=0.15)
-    tidy(axes, "", factor.label, "")
+    charts.tidy(axes, "", factor.label, "")
 
 
-def lead_chart(records: Records, design: str, title: str) -> Chart:
+def lead_chart(records: Records, design: str, title: str) -> charts.Chart:
     """Return the heat map of a design: leads over the best of the others, a row a cell, a column a policy."""
     own = {(one["cell"], one["policy"]): one for one in records if one["design"] == design}
     own = {key: one for key, one in own.items() if key[1] in _LOOKS}
@@ -122,7 +109,9 @@ def lead_chart(records: Records, design: str, title: str) -> Chart:
         image = axes.imshow(points, vmin=-_MOST, vmax=_MOST, cmap="PuOr", aspect="auto")
         for y, cell in enumerate(cells):
             for x, name in enumerate(policies):
-                number(axes, x, y, f"{points[y, x]:+.0f}" + (" ×" if _is_behind(own[cell, name]) else ""))
+                charts.number(
+                    axes, x, y, f"{points[y, x]:+.0f}" + (" ×" if _is_behind(own[cell, name]) else "")
+                )
         axes.set_xticks(range(len(policies)), [name.replace("_", "\n") for name in policies])
         axes.set_yticks(range(len(cells)), cells)
         axes.tick_params(labelsize=8, length=0)
@@ -130,7 +119,7 @@ def lead_chart(records: Records, design: str, title: str) -> Chart:
         axes.grid(visible=False)
         figure.colorbar(image, ax=axes, shrink=0.5, label="percentage points to the best", extend="both")
 
-    return Chart(
+    return charts.Chart(
         f"robustness_to_best_{design}",
         title,
         "Accuracy less that of the best of the other policies, in percentage points; the best is chosen for "
