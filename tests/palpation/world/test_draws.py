@@ -19,7 +19,7 @@ from palp_core.palpation.world.draws import (
 )
 from palp_core.palpation.world.latents import LATENTS
 from palp_core.palpation.world.model import LAB, PAPER, WorldModel
-from palp_core.palpation.world.texture import GRID_M, bias, texture, texture_map, track, white_sd_n_m
+from palp_core.palpation.world.texture import bias, texture, texture_map, track, white_sd_n_m
 
 
 def everything(world: WorldModel, rng: np.random.Generator) -> np.ndarray:
@@ -88,11 +88,6 @@ def test_a_share_of_the_texture_changes_sign_with_the_direction(share: float, co
     luck, to_bins = track(np.random.default_rng(7), 3000), texture_map(world, np.array([0.0]))
     both = [texture(world, luck, to_bins, forward=forward)[:, 0] for forward in (True, False)]
     assert np.asarray(np.corrcoef(both))[0, 1] == pytest.approx(correlation, abs=0.05)
-
-
-def test_the_papers_world_has_no_texture() -> None:
-    luck = track(np.random.default_rng(8), 2)
-    assert not texture(PAPER, luck, texture_map(PAPER, GRID_M), forward=True).any()
 
 
 def test_the_zero_walks_and_a_bin_averages_the_noise() -> None:

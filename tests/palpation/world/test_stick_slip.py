@@ -75,7 +75,3 @@ def test_a_swing_beside_which_the_nodule_is_small_is_said(swept: tuple[Joints, D
     words = swamped(found, stick_slip(*swept, 0.1, SPEED_M_S), 1)
     assert words.startswith("stick-slip: a swing of 2.4 N mm at 14 Hz")
     assert "sweep faster" in words
-
-
-def test_without_static_friction_there_is_none(swept: tuple[Joints, Dragged]) -> None:
-    assert not stick_slip(*swept, 0.0, SPEED_M_S).hertz.any()
