@@ -29,6 +29,7 @@ DOCS = ROOT / "docs"
 FACES = (
     "palp_core",
     "palp_core.methods",
+    "palp_core.palpation",
     "palp_core.palpation.devices",
     "palp_core.palpation.devices.emulator",
     "palp_core.palpation.mechanics",

@@ -17,7 +17,14 @@ _ANGLES = 257
 
 @dataclass(frozen=True, eq=False)
 class Equilibria:
-    """All roots, one entry per root, sorted by position as given and then by angle."""
+    """All roots, one entry per root, sorted by position as given and then by angle.
+
+    >>> from palp_core.palpation import Bead, Phantom, Probe, contact_model, equilibria
+    >>> model, _ = contact_model(Phantom(bead=Bead(depth_m=0.004)), Probe().tip_radius_m)
+    >>> found = equilibria(model, Probe(), 0.008, 0.004, [0.0, 0.01], leading=False)
+    >>> found.position.tolist(), found.stable.tolist()
+    ([0, 1], [True, True])
+    """
 
     position: NDArray[np.int64]  # Index into the stage positions asked for
     stage_m: Float64Array  # Stage position Y

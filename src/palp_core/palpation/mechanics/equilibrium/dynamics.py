@@ -127,6 +127,12 @@ def simulate(
 ) -> DynamicSweep:
     """Step the joint along a sweep, from its quasi-static equilibrium or from rest.
 
+    >>> from palp_core.palpation import Phantom, Probe, contact_model, simulate
+    >>> model, _ = contact_model(Phantom(), Probe().tip_radius_m)
+    >>> moved = simulate(model, Probe(), [0.004, 0.016], 0.004, -0.03, -0.02, speed_m_s=0.1)
+    >>> moved.torque_n_m.shape == (2, moved.stage_m.size)
+    True
+
     Args:
         model: Contact forces over the phantom.
         probe: Dimensions of the probe.

@@ -101,6 +101,12 @@ def solve(
 ) -> SweepTable:
     """Solve a sweep once so that it can be read at any stage position.
 
+    >>> from palp_core.palpation import Bead, Phantom, Probe, contact_model, solve
+    >>> model, _ = contact_model(Phantom(bead=Bead(depth_m=0.004)), Probe().tip_radius_m)
+    >>> table = solve(model, Probe(), ring_m=0.008, indentation_m=0.004, from_m=-0.03, to_m=0.05)
+    >>> bool(table.torque_n_m(0.005) > table.torque_n_m(-0.03))
+    True
+
     Args:
         model: Contact forces over the phantom.
         probe: Dimensions of the probe.

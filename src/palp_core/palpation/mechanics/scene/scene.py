@@ -130,6 +130,11 @@ class Tolerance:
 class Scene:
     """What is swept over what, and how right it must be.
 
+    >>> from palp_core.palpation import Bead, Phantom, Scene, choose_rung
+    >>> scene = Scene(phantom=Phantom(bead=Bead(depth_m=0.002)), ring_m=(0.008,))
+    >>> choose_rung(scene).rung
+    'l2'
+
     Attributes:
         phantom: What is touched.
         probe: With what.

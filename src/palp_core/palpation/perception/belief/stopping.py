@@ -246,6 +246,11 @@ def _apart_from_gamma(converged: NDArray[np.bool_]) -> StopState:
 def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -> StopRule:
     """Return a declared rule by name, as a node's parameters give it.
 
+    >>> import numpy as np
+    >>> rule, belief, no_gain = stop_rule("posterior_threshold", 0.9), np.array([0.95, 0.05]), np.zeros(2)
+    >>> decide(rule, [belief], [no_gain], max_probes=10).word
+    'decided'
+
     Args:
         name: Of task ``stop``.
         value: The rule's own number (T, a probability, a count of probes); 0 for its default.

@@ -37,6 +37,12 @@ class TrialReading:
 class TrialFilter:
     """What turns the readings of a trial into a belief.
 
+    >>> from palp_core.palpation.perception.belief.primitives import fit
+    >>> depths_m, felt = [0.002, 0.004], [1.0, 1.2, 2.0, 2.2]
+    >>> taught = fit(felt, [0, 0, 1, 1], [0] * 4, depths_m=depths_m, rings_m=[0.008], floor=0.01)
+    >>> trial_filter("naive", taught).posterior([TrialReading(1.1, 0, landed=True)]).round(2).tolist()
+    [1.0, 0.0]
+
     Attributes:
         primitives: Of the classes that are decided among.
         model: Readings and what stays; None for the naive filter.
