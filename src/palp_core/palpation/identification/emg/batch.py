@@ -19,9 +19,8 @@ from palp_core.palpation.identification.emg.trial import (
     series_rows,
     trial_record,
 )
-from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eigenvalue
+from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
-from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
 from palp_core.palpation.reporting.table import write_csv
@@ -35,7 +34,6 @@ COLUMNS = (
     "cocontraction_mean", "lambda_2", "mvc_ratio", "clipped", "lost", "longest_gap_s", "above_mvc", "clamped",
     "flags", "error",
 )  # fmt: skip
-_LEVEL_COUNT = 5
 _SPECIAL = ("mvc", "rest")
 
 
@@ -75,7 +73,7 @@ def run_folder(
 
 def write_batch(records: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
     """Write quality.html, quality.csv and quality.json, and return what the last one holds."""
-    result = {"trials": list(records), "by_phase": _by_phase(records)}
+    result = {"trials": list(records)}
     _write(out, records, result, f"EMG of {len(records)} trials", None)
     return result
 
@@ -145,7 +143,6 @@ def _write(
         columns=COLUMNS,
         trials=records,
         flags=counts.most_common(),
-        by_phase=result.get("by_phase", {}),
         picture=shown,
         settings=next((record["settings"] for record in records if "settings" in record), None),
     )
@@ -153,22 +150,6 @@ def _write(
 
 def _cell(value: Any) -> Any:
     return " ".join(map(str, value)) if isinstance(value, list) else value
-
-
-def _by_phase(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return transitions per phase, pooled over subjects and trials, never across them."""
-    found = {}
-    for phase in sorted({record["phase"] for record in records}):
-        runs = [run for one in records if one["phase"] == phase for run in one.get("runs", [])]
-        counts = count_transitions(runs, _LEVEL_COUNT)
-        second = second_eigenvalue(runs)
-        found[phase] = {
-            "transitions": int(counts.sum()),
-            "counts": counts.tolist(),
-            "matrix": transition_matrix(counts).tolist(),
-            "lambda_2": None if np.isnan(second) else second,
-        }
-    return found
 
 
 def _folders(folder: Path) -> list[Path]:
