@@ -261,7 +261,7 @@ def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
     stopped = end_of_join(graph, away, "node")
     stopped.suspend()
     lasting(home, seconds)
-    graph.said("/asleep has not been heard for 3 s")
+    graph.said("/asleep has sent no heartbeat for 3 s")
     stopped.resume()
     graph.said("/asleep: answers again")
     count = 100 * seconds
@@ -269,7 +269,7 @@ def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
     guest.send_signal(signal.SIGINT)
     status, said = finished(guest)
     assert status == 130
-    assert "asleep has not been heard for 3 s" in said
+    assert "asleep has sent no heartbeat for 3 s" in said
 
 
 @pytest.mark.parametrize(

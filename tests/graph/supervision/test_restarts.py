@@ -102,16 +102,16 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stage:
 def test_silence_begins_when_a_node_was_last_heard() -> None:
     liveness = Liveness[int]()
     liveness.expect(0, 0)
-    liveness.heard(0, health(), 0)
+    liveness.record(0, health(), 0)
     assert look_each_second(liveness, HANG_NS - 1) == []
-    liveness.heard(0, health(), 2 * S)
+    liveness.record(0, health(), 2 * S)
     assert look_each_second(liveness, 2 * S + HANG_NS, HANG_NS) == [(0, HANG_NS)]
 
 
 def test_nobody_is_blamed_for_time_in_which_the_supervisor_itself_stood_still() -> None:
     liveness = Liveness[int]()
     liveness.expect(0, 0)
-    liveness.heard(0, health(), 0)
+    liveness.record(0, health(), 0)
     look_each_second(liveness, S)
     assert list(liveness.unresponsive(100 * S)) == []
     assert look_each_second(liveness, 101 * S, 100 * S) == []
@@ -122,7 +122,7 @@ def test_a_node_that_has_never_been_heard_or_has_ended_is_not_missed() -> None:
     liveness = Liveness[int]()
     liveness.expect(0, 0)
     liveness.expect(1, 0)
-    liveness.heard(1, health(), 0)
+    liveness.record(1, health(), 0)
     liveness.forget(1)
     assert look_each_second(liveness, 20 * S) == []
     assert liveness.health == []
@@ -262,6 +262,6 @@ def test_turns_in_which_nothing_is_due_ask_no_process_whatever_their_number(
         stage.restarts.run_due(stage.now_ns + turn * step_ns)
     assert len(looks) == 2
     assert stage.restarts.idle_s(stage.now_ns + 100 * step_ns) == pytest.approx(restarts.LOOK_NS / 1e9)
-    stage.restarts.stir()
+    stage.restarts.look_soon()
     stage.restarts.run_due(stage.now_ns + 100 * step_ns)
     assert len(looks) == 3

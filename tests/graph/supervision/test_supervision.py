@@ -47,14 +47,14 @@ def test_a_stopped_node_is_called_unresponsive_and_then_responsive_again(palp: P
     process = start_chain(palp)
     graph = Running(palp)
     graph.process("sink").suspend()
-    assert "has not been heard" in graph.wait_for("unresponsive", "sink").text
+    assert "has sent no heartbeat" in graph.wait_for("unresponsive", "sink").text
     graph.process("sink").resume()
     graph.wait_for("responsive", "sink")
     assert not any(event.node in ("source", "relay") for event in graph.events())
     process.terminate()
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 143
-    assert re.search(r"sink has not been heard for \d+ s", errors)
+    assert re.search(r"sink has sent no heartbeat for \d+ s", errors)
     assert palp.all_gone()
 
 

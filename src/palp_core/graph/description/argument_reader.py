@@ -29,7 +29,7 @@ def read_arguments(file: SourceFile) -> dict[str, Argument]:
     shared_names = set(shared.items) if isinstance(shared, Mapping) else set()
     for name, tree in trees.items():
         found[name] = replace(found[name], sets=_read_sets(found[name], tree, free, shared_names, file))
-        free = {other: argument for other, argument in free.items() if other not in found[name].targets}
+        free = {key: argument for key, argument in free.items() if key not in found[name].targets}
         shared_names -= found[name].targets
     return found
 

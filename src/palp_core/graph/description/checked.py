@@ -170,8 +170,8 @@ def without_effect(graph: CheckedGraph) -> str:
 
 def unpublished_words(unpublished: Mapping[str, list[str]]) -> str:
     """Return which outputs nobody publishes, and whose optional inputs stay without; "" if all are there."""
-    told = (f"{name} (for {', '.join(inputs)})" for name, inputs in unpublished.items())
-    return f"nobody publishes {', '.join(told)}: no input needs it" if unpublished else ""
+    listed = (f"{name} (for {', '.join(inputs)})" for name, inputs in unpublished.items())
+    return f"nobody publishes {', '.join(listed)}: no input needs it" if unpublished else ""
 
 
 def resolved_yaml(graph: CheckedGraph) -> str:

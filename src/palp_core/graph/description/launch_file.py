@@ -84,7 +84,7 @@ class GraphNode:
 
     def given(self, params: Mapping[str, Located], offered: Iterable[str]) -> GraphNode:
         """Return the node with other parameters, of which these count only if its class has them."""
-        values = {name: one.value for name, one in params.items()}
+        values = {name: located.value for name, located in params.items()}
         spec = msgspec.structs.replace(self.spec, params=values)
         return replace(self, spec=spec, params=dict(params), offered=frozenset(offered))
 
@@ -111,8 +111,7 @@ class GraphNode:
                 found[name] = wire
                 continue
             for own in (own for own in self.declared.ports if action_of(own) == name):
-                theirs = wire.port + own.removeprefix(name)
-                found[own] = replace(wire, port=theirs)
+                found[own] = replace(wire, port=wire.port + own.removeprefix(name))
         return found
 
 
@@ -180,5 +179,5 @@ def arguments_text(description: LaunchFile) -> str:
         lines += ["", "    No arguments."]
     if description.shared:
         lines += ["", "Shared parameters (pass them as 'shared.<name>:=<value>'):", ""]
-        lines += [f"    {name}: {show(one.value)}" for name, one in description.shared.items()]
+        lines += [f"    {name}: {show(located.value)}" for name, located in description.shared.items()]
     return "\n".join(lines) + "\n"

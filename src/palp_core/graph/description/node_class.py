@@ -194,7 +194,7 @@ def _module(name: str, workspace: Path) -> ModuleType:
         missing = error.name or ""
         if name != missing and not name.startswith(f"{missing}."):
             raise
-        under = "".join(f", nor in the installed '{one.name}'" for one in underlays())
+        under = "".join(f", nor in the installed '{underlay.name}'" for underlay in underlays())
         raise _Refusal(f"no module '{name}' in {workspace}{under}{_near_module(name, workspace)}") from error
     wanted = workspace.joinpath(*name.split(".")).with_suffix(".py")
     if wanted.is_file() and module.__file__ is not None and not wanted.samefile(module.__file__):
@@ -206,8 +206,8 @@ def _module(name: str, workspace: Path) -> ModuleType:
 
 def _module_at(path: Path, workspace: Path) -> ModuleType:
     if not path.exists():
-        others = [other.name for other in path.parent.glob("*.py")]
-        match = nearest(path.name, others)
+        files = [file.name for file in path.parent.glob("*.py")]
+        match = nearest(path.name, files)
         raise _Refusal(f"no file {path}" + (f"; did you mean '{match}'?" if match else "; check the path"))
     try:
         check_regular(path, LARGEST_MODULE_BYTES)
@@ -219,7 +219,7 @@ def _module_at(path: Path, workspace: Path) -> ModuleType:
 def _near_module(name: str, workspace: Path) -> str:
     if name.isidentifier() and Path(f"{name}.py").is_file():
         return f"; write {name}.py:CLASS for the file that is where you are"
-    folders = [workspace, *(one.folder for one in underlays())]
+    folders = [workspace, *(underlay.folder for underlay in underlays())]
     files = [path for folder in folders for path in (folder / "nodes").glob("*.py")]
     known = [f"nodes.{path.stem}" for path in files if path.stem != "__init__"]
     parent = name.rpartition(".")[0]
@@ -264,8 +264,8 @@ def _located(error: BaseException, workspace: Path) -> str:
     if isinstance(error, SyntaxError) and error.filename:
         text = f"SyntaxError: {error.msg}"
         return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
-    if isinstance(error, ModuleNotFoundError) and (words := advice(error)):
-        return words  # without the place, so that it is said once for all nodes
+    if isinstance(error, ModuleNotFoundError) and (text := advice(error)):
+        return text  # without the place, so that it is said once for all nodes
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_within(frame.filename, workspace)]
     place = (own or frames)[-1]

@@ -70,11 +70,11 @@ def resolve(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str]
         return replace(found, problems=(Problem(*found.mark, text),))
     for origin, values in first.branches.items():
         for value in values:
-            other = _Resolver(trees, *given, {origin: value})
-            variant = other.resolve(path, overrides)
+            resolver = _Resolver(trees, *given, {origin: value})
+            variant = resolver.resolve(path, overrides)
             variants.append(variant.nodes)
             problems += variant.problems
-            unused = [problem for problem in unused if problem in other.unused]
+            unused = [problem for problem in unused if problem in resolver.unused]
     listed = sorted({*problems, *unused})
     if not found.nodes and not listed:
         listed = [Problem(*found.mark, "the graph has no nodes; add at least one under nodes")]
@@ -281,8 +281,8 @@ class _Resolver:
             self._problems.add(mark, f"files include each other: {chain}; remove one include")
             return None
         if not target.is_file():
-            others = [p.name for p in target.parent.glob("*.yaml")] if target.parent.is_dir() else []
-            self._problems.add(mark, f"no file {target} to include{_did_you_mean(target.name, others)}")
+            files = [p.name for p in target.parent.glob("*.yaml")] if target.parent.is_dir() else []
+            self._problems.add(mark, f"no file {target} to include{_did_you_mean(target.name, files)}")
             return None
         return target
 
@@ -533,7 +533,7 @@ class _Resolver:
         for name in tree.items:
             if name not in (SELECT, *names):
                 match = nearest(name, missing)
-                missing = [other for other in missing if other != match]
+                missing = [choice for choice in missing if choice != match]
                 text = f"branch '{name}' of {what} is not a choice of argument '{variable}'"
                 self._problems.add(tree.items[name].mark, text + hint(name, names))
         for name in missing:

@@ -35,15 +35,14 @@ def disagreements(checked: CheckedGraph) -> list[Disagreement]:
     params = {spec.name: spec.params for spec in checked.nodes}
     found = []
     for reader, readings in checked.readings.items():
-        for reading in (one for one in readings.values() if one.same):
+        for reading in (reading for reading in readings.values() if reading.same):
             source = checked.topics[reading.topic].node
-            ours, theirs = params.get(reader, {}), params.get(source, {})
+            read, published = params.get(reader, {}), params.get(source, {})
             for name in reading.same:
-                if name in ours and name in theirs and ours[name] != theirs[name]:
-                    text = (
-                        f"{name} is {ours[name]!r} in node '{reader}' and {theirs[name]!r} in node '{source}'"
-                    )
-                    found.append(Disagreement(reader, source, name, f"{text}; give both the same"))
+                if name in read and name in published and read[name] != published[name]:
+                    text = f"{name} is {read[name]!r} in node '{reader}'"
+                    text += f" and {published[name]!r} in node '{source}'; give both the same"
+                    found.append(Disagreement(reader, source, name, text))
     return found
 
 
@@ -77,12 +76,12 @@ def type_misfit(wanted: TopicInfo, offered: TopicInfo) -> Misfit | None:
 
 def _difference(wanted: TopicInfo, offered: TopicInfo) -> str:
     """Return the first line in which two message texts of one name differ."""
-    ours, theirs = wanted.ros_text.splitlines(), offered.ros_text.splitlines()
-    for mine, other in zip(ours, theirs, strict=False):
-        if mine != other:
-            return f"with '{other}' where '{mine}' is wanted"
-    if len(ours) > len(theirs):
-        return f"without '{ours[len(theirs)]}'"
-    if len(ours) < len(theirs):
-        return f"with '{theirs[len(ours)]}' besides"
+    read, published = wanted.ros_text.splitlines(), offered.ros_text.splitlines()
+    for line, published_line in zip(read, published, strict=False):
+        if line != published_line:
+            return f"with '{published_line}' where '{line}' is wanted"
+    if len(read) > len(published):
+        return f"without '{read[len(published)]}'"
+    if len(read) < len(published):
+        return f"with '{published[len(read)]}' besides"
     return "which differs in a nested type"

@@ -101,10 +101,10 @@ def _source(port: NodePort, nodes: _Nodes) -> str:
     """Return a publisher or service that fits a port, or a placeholder."""
     wanted, kind = [t.type_hash for t in port.types], _SOURCES[port.kind]
     fitting = [
-        f"{name}/{other.name}"
+        f"{name}/{offer.name}"
         for name, node in nodes.items()
-        for other in node.ports(kind).values()
-        if [t.type_hash for t in other.types] == wanted
+        for offer in node.ports(kind).values()
+        if [t.type_hash for t in offer.types] == wanted
     ]
     return " or ".join(dict.fromkeys(fitting)) or "node/port"
 
@@ -155,9 +155,9 @@ def _check_edge(
 ) -> None:
     where = f"{reader}: {_PLACES[port.kind]} '{port.name}'"
     if port.kind != "sub":
-        for ours, theirs in zip(port.types, offer.types, strict=True):
-            wanted = TopicInfo.carrying(ours, reader.spec.name, port)
-            found = type_misfit(wanted, TopicInfo.carrying(theirs, wire.node, offer))
+        for type_read, type_offered in zip(port.types, offer.types, strict=True):
+            wanted = TopicInfo.carrying(type_read, reader.spec.name, port)
+            found = type_misfit(wanted, TopicInfo.carrying(type_offered, wire.node, offer))
             if found is not None:
                 problems.add(wire.source_mark, f"{where}: {found.text}; {_ADVICE[found.part]}")
                 return

@@ -147,7 +147,7 @@ class RunningGraph:
             if entry.name == rooted:
                 return entry
         names = [topic.name for topic in (*self.record.topics, *own)]
-        known = [one for one in names if not hidden(one) or hidden(name)]
+        known = [known for known in names if not hidden(known) or hidden(name)]
         raise GraphError(f"no topic '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
     def topics(self, *, include_hidden: bool = False) -> list[Topic]:
@@ -250,14 +250,14 @@ class RunningGraph:
 
         names = list(nodes) or self.node_names
 
-        def one(name: str) -> dict[str, Any] | GraphError:
+        def ask(name: str) -> dict[str, Any] | GraphError:
             try:
                 return self.ask(name, operation, timeout_s=timeout_s, **fields)
             except GraphError as error:
                 return error
 
         with ThreadPoolExecutor(max_workers=min(len(names), 32)) as pool:
-            answers = dict(zip(names, pool.map(one, names), strict=True))
+            answers = dict(zip(names, pool.map(ask, names), strict=True))
         return Answers(
             {name: answer for name, answer in answers.items() if isinstance(answer, dict)},
             {name: answer for name, answer in answers.items() if isinstance(answer, GraphError)},

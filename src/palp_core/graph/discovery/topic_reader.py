@@ -120,8 +120,8 @@ class TopicReader:
             buffer.expire(now_ns)
         self._complete(now_ns)
         received, self._received = self._received, []
-        for one in received:
-            take(one)
+        for message in received:
+            take(message)
 
     def _arrive(self, raw: bytes, arrived_ns: int) -> None:
         try:

@@ -197,7 +197,7 @@ class GatewayHandle:
             self._report("joined", request.name, text, **where, epoch=message.epoch)
             self._changed()
         elif isinstance(message, join_protocol.NodeReported):
-            if self._liveness.heard(message.name, decode(NodeHealth, message.health), monotonic_ns()):
+            if self._liveness.record(message.name, decode(NodeHealth, message.health), monotonic_ns()):
                 self._report("responsive", message.name, f"/{message.name}: answers again")
         elif isinstance(message, join_protocol.GatewayEvent):
             self._report(message.kind, message.node, message.text, **message.data)

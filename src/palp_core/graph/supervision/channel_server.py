@@ -50,10 +50,10 @@ class ChannelServer:
         self._names.append(name)
         return len(self._names) - 1
 
-    def exchange(self, one: int, other: int) -> None:
-        self._names[one], self._names[other] = self._names[other], self._names[one]
-        channels = self._channels.pop(one, None), self._channels.pop(other, None)
-        for index, channel in zip((other, one), channels, strict=True):
+    def exchange(self, first: int, second: int) -> None:
+        self._names[first], self._names[second] = self._names[second], self._names[first]
+        channels = self._channels.pop(first, None), self._channels.pop(second, None)
+        for index, channel in zip((second, first), channels, strict=True):
             if channel is not None:
                 self._channels[index] = channel
                 self._index_of[channel.socket.fileno()] = index
@@ -75,7 +75,7 @@ class ChannelServer:
 
     def wait(self, timeout_s: float) -> tuple[list[tuple[int, FromNode]], set[int]]:
         """Wait until somebody says something; return what nodes said, and the ready ones of the others."""
-        heard: list[tuple[int, FromNode]] = []
+        received: list[tuple[int, FromNode]] = []
         others: set[int] = set()
         for descriptor, events in self._poll.poll(timeout_s * 1e3):
             if descriptor in self._index_of:
@@ -83,16 +83,16 @@ class ChannelServer:
                 if events & select.POLLOUT:
                     self._flush(index)
                 if events & ~select.POLLOUT:
-                    heard += [(index, message) for message in self._receive(index)]
+                    received += [(index, message) for message in self._receive(index)]
             elif descriptor == self._listener.fileno():
                 connection, _ = self._listener.accept()
                 self._unnamed[connection.fileno()] = supervisor_end(connection)
                 self._poll.register(connection.fileno(), select.POLLIN)
             elif descriptor in self._unnamed:
-                heard += self._identify(descriptor)
+                received += self._identify(descriptor)
             else:
                 others.add(descriptor)
-        return heard, others
+        return received, others
 
     def _flush(self, index: int) -> None:
         channel = self._channels[index]
@@ -135,10 +135,10 @@ class ChannelServer:
         index = self._names.index(hello.name)
         self.disconnect(index)
         self._channels[index], self._index_of[descriptor] = channel, index
-        heard: list[tuple[int, FromNode]] = []
+        received: list[tuple[int, FromNode]] = []
         while channel.buffered():
-            heard.append((index, channel.receive()))
-        return heard
+            received.append((index, channel.receive()))
+        return received
 
     def disconnect(self, index: int) -> None:
         channel = self._channels.pop(index, None)

@@ -135,8 +135,8 @@ class LauncherNode:
     def _record(self) -> dict[str, Any]:
         if self.record is None:
             raise GraphError("the graph is not up yet; ask again")
-        told: dict[str, Any] = msgspec.to_builtins(self.record)
-        return told
+        record: dict[str, Any] = msgspec.to_builtins(self.record)
+        return record
 
     def _info(self) -> dict[str, Any]:
         """Say what a node would say of itself, as far as a launcher has it."""

@@ -27,25 +27,25 @@ class Liveness(Generic[Key]):
 
     def __init__(self) -> None:
         self.silent: set[Key] = set()
-        self._heard_ns: dict[Key, int] = {}
+        self._last_ns: dict[Key, int] = {}
         self._health: dict[Key, NodeHealth] = {}
         self._checked_ns = 0
 
     def expect(self, index: Key, now_ns: int) -> None:
         """Expect a node to be heard from now on; its loop's first turn, before it is active, has been."""
-        self._heard_ns[index] = now_ns
+        self._last_ns[index] = now_ns
 
     def forget(self, index: Key) -> None:
         """Expect nothing more: the process is gone, or about to go."""
-        self._heard_ns.pop(index, None)
+        self._last_ns.pop(index, None)
         self._health.pop(index, None)
         self.silent.discard(index)
 
-    def heard(self, index: Key, health: NodeHealth, now_ns: int) -> bool:
+    def record(self, index: Key, health: NodeHealth, now_ns: int) -> bool:
         """Take a pulse; return True if the node was unresponsive until now."""
         self._health[index] = health
-        if index in self._heard_ns:
-            self._heard_ns[index] = now_ns
+        if index in self._last_ns:
+            self._last_ns[index] = now_ns
         was_silent = index in self.silent
         self.silent.discard(index)
         return was_silent
@@ -54,18 +54,18 @@ class Liveness(Generic[Key]):
         """Yield each node that is unresponsive, and its silence in ns."""
         if now_ns - self._checked_ns > _BLIND_NS:
             blind_ns = now_ns - self._checked_ns
-            self._heard_ns = {i: min(heard + blind_ns, now_ns) for i, heard in self._heard_ns.items()}
+            self._last_ns = {i: min(last_ns + blind_ns, now_ns) for i, last_ns in self._last_ns.items()}
         self._checked_ns = now_ns
-        for index, heard_ns in list(self._heard_ns.items()):
-            if now_ns - heard_ns >= HANG_NS and index in self._health:
-                yield index, now_ns - heard_ns
+        for index, last_ns in list(self._last_ns.items()):
+            if now_ns - last_ns >= HANG_NS and index in self._health:
+                yield index, now_ns - last_ns
 
     def newly_silent(self, index: Key, silent_ns: int) -> str:
         """Return in words that a node is unresponsive, once until it is heard again; else ""."""
         if index in self.silent:
             return ""
         self.silent.add(index)
-        return f"has not been heard for {silent_ns / 1e9:.0f} s: stopped, or busy in one handler"
+        return f"has sent no heartbeat for {silent_ns / 1e9:.0f} s: stopped, or blocked in a handler"
 
     @property
     def health(self) -> list[NodeHealth]:

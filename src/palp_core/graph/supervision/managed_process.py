@@ -53,7 +53,7 @@ class ManagedProcess:
         if _state(self.pid) in ("T", "t"):
             return f"is stopped; continue it with: kill -CONT {self.pid}"
         if self.is_silent:
-            return "has not been heard for seconds: a handler of it does not return; ask again when it has"
+            return "has sent no heartbeat for seconds: a handler does not return; ask again when it has"
         return ""
 
     def has_died(self) -> bool:

@@ -44,7 +44,7 @@ class Restarts:
         self._health_ns = self._look_ns = 0
         self._warned_late: set[int] = set()
 
-    def stir(self) -> None:
+    def look_soon(self) -> None:
         """Look at everybody in the next turn: something has happened to one of them."""
         self._look_ns = 0
 
@@ -127,7 +127,7 @@ class Restarts:
             return True
         planned = process.plan_restart(monotonic_ns(), cause) if self._restarts else ""
         if planned:
-            self.stir()
+            self.look_soon()
             self._liveness.forget(index)
             if not process.ended:
                 self._launcher.signal(process, *numbers)
@@ -148,7 +148,7 @@ class Restarts:
     # What nodes say
 
     def on_health(self, index: int, health: bytes) -> None:
-        if self._liveness.heard(index, decode(NodeHealth, health), monotonic_ns()):
+        if self._liveness.record(index, decode(NodeHealth, health), monotonic_ns()):
             name = self._processes[index].spec.name
             self._processes[index].is_silent = False
             self._launcher_node.report("responsive", name, "answers again")
@@ -193,4 +193,4 @@ class Restarts:
     def forget(self, index: int) -> None:
         """Expect no more of a node whose process has ended."""
         self._liveness.forget(index)
-        self.stir()
+        self.look_soon()

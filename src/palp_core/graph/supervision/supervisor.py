@@ -196,9 +196,9 @@ class Supervisor:
 
     def _pump(self, timeout_s: float) -> None:
         """Handle what has happened; wait for something if nothing has."""
-        heard, others = self._channels.wait(timeout_s)
+        received, others = self._channels.wait(timeout_s)
         failures: list[NodeError] = []
-        handlers: list[Callable[[], None]] = [partial(self._on_message, *message) for message in heard]
+        handlers: list[Callable[[], None]] = [partial(self._on_message, *message) for message in received]
         handlers += self._channels.handlers(others)
         if self._server.descriptor in others:
             handlers += [partial(self._on_child_event, event) for event in self._server.read_events()]
@@ -235,10 +235,10 @@ class Supervisor:
             process.replies.append(message)
         elif isinstance(message, control_messages.Configured):
             process.configured = True
-            self._restarts.stir()
+            self._restarts.look_soon()
         elif isinstance(message, control_messages.Matched):
             process.matched, process.missing = True, message.missing
-            self._restarts.stir()
+            self._restarts.look_soon()
         elif isinstance(message, control_messages.Knock):
             self._commanded.add(index)
         elif isinstance(message, control_messages.Raised) and not self._grace.ending:

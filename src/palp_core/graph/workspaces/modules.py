@@ -40,11 +40,11 @@ def hidden_modules(workspace: str | Path) -> list[tuple[str, Path, Path, str]]:
     for kind in SHARED:
         for file in sorted(Path(workspace, kind).rglob("*.py")):
             part = file.relative_to(workspace)
-            for one in underlays():
-                other = one.folder / part
-                if other.is_file() and not other.samefile(file):
-                    if other.read_bytes() != file.read_bytes() and file.name != "__init__.py":
-                        found.append((".".join(part.with_suffix("").parts), file, other, one.name))
+            for underlay in underlays():
+                hidden = underlay.folder / part
+                if hidden.is_file() and not hidden.samefile(file):
+                    if hidden.read_bytes() != file.read_bytes() and file.name != "__init__.py":
+                        found.append((".".join(part.with_suffix("").parts), file, hidden, underlay.name))
                     break
     return found
 
@@ -110,8 +110,8 @@ def _underlying(name: str) -> ModuleSpec | None:
     package, _, last = name.rpartition(".")
     if name.partition(".")[0] not in SHARED:
         return None
-    for one in underlays():
-        folder = one.folder.joinpath(*package.split("."))
+    for underlay in underlays():
+        folder = underlay.folder.joinpath(*package.split("."))
         found = PathFinder.find_spec(name, [str(folder)]) if last else None
         if found is not None:
             return found
@@ -122,10 +122,10 @@ def _of_package(name: str) -> tuple[Underlay, str] | None:
     """Return the installed workspace in whose package a module is, and what it is called in the workspace."""
     if not any(f".{kind}" in name for kind in SHARED):  # nearly every import: spare it what asking costs
         return None
-    for one in underlays():
-        rest = name.removeprefix(f"{one.package}.")
+    for underlay in underlays():
+        rest = name.removeprefix(f"{underlay.package}.")
         if rest != name and rest.partition(".")[0] in SHARED:
-            return one, rest
+            return underlay, rest
     return None
 
 
@@ -140,7 +140,7 @@ def _plain(name: str) -> ModuleSpec | None:
         return None
 
 
-def _same(one: ModuleSpec | None, other: ModuleSpec) -> bool:
-    if one is None or one.origin is None or other.origin is None:
+def _same(spec: ModuleSpec | None, installed: ModuleSpec) -> bool:
+    if spec is None or spec.origin is None or installed.origin is None:
         return False
-    return Path(one.origin).resolve() == Path(other.origin).resolve()
+    return Path(spec.origin).resolve() == Path(installed.origin).resolve()

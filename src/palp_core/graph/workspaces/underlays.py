@@ -57,11 +57,11 @@ def underlays() -> tuple[Underlay, ...]:
         for name, package in published(GROUP).items()
         if (folder := _folder(package)) is not None
     }
-    return tuple(sorted(found, key=lambda one: (one.package.startswith(_OWN), one.name)))
+    return tuple(sorted(found, key=lambda underlay: (underlay.package.startswith(_OWN), underlay.name)))
 
 
 def underlay(name: str) -> Underlay:
-    known = {one.name: one for one in underlays()}
+    known = {found.name: found for found in underlays()}
     if name not in known:
         raise GraphError(f"no installed workspace '{name}'{hint(name, known)}")
     return known[name]
