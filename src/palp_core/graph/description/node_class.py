@@ -264,8 +264,8 @@ def _located(error: BaseException, workspace: Path) -> str:
     if isinstance(error, SyntaxError) and error.filename:
         text = f"SyntaxError: {error.msg}"
         return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
-    if isinstance(error, ModuleNotFoundError) and (text := advice(error)):
-        return text  # without the place, so that it is said once for all nodes
+    if isinstance(error, ModuleNotFoundError) and (installs := advice(error)):
+        return installs  # without the place, so that it is said once for all nodes
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_within(frame.filename, workspace)]
     place = (own or frames)[-1]
