@@ -18,9 +18,9 @@ Whole = tuple[list[CoContraction], list[int]]
 
 @pytest.fixture(scope="module")
 def recording() -> list[EmgBlock]:
-    """Rest, MVC, rest and 60 s of palpation."""
+    """Rest, MVC, rest and 20 s of palpation."""
     bench = Bench(Emg, seed=4)
-    bench.advance(70.0)
+    bench.advance(29.0)
     return bench.sent(Emg.block)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,10 +24,15 @@ from palp_core.units import Float64Array
 BEFORE_S = 9.0  # rest, MVC, rest
 
 
-def recorded(seconds: float = 20.0, **params: object) -> list[EmgBlock]:
-    bench = Bench(Emg, {"palpation_s": 4.0, **params})
-    bench.advance(seconds)
+def recorded(**params: object) -> list[EmgBlock]:
+    bench = Bench(Emg, params)
+    bench.advance(BEFORE_S + 1.5)
     return bench.sent(Emg.block)
+
+
+@functools.cache
+def whole() -> tuple[Float64Array, Float64Array]:
+    return joined(recorded(palpation_s=1.0))
 
 
 def joined(blocks: list[EmgBlock]) -> tuple[Float64Array, Float64Array]:
@@ -47,10 +54,9 @@ def test_neither_the_blocks_nor_the_end_of_the_palpation_change_or_lose_a_sample
     block_samples: int, palpation_s: float
 ) -> None:
     fds_v, edc_v = joined(recorded(block_samples=block_samples, palpation_s=palpation_s))
-    whole = joined(recorded(palpation_s=1.0))
     assert len(fds_v) == np.floor((BEFORE_S + palpation_s) * 1500.0 + 1e-6) + 1
-    np.testing.assert_allclose(fds_v, whole[0][: len(fds_v)], rtol=0.0, atol=1e-15)
-    np.testing.assert_allclose(edc_v, whole[1][: len(edc_v)], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(fds_v, whole()[0][: len(fds_v)], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(edc_v, whole()[1][: len(edc_v)], rtol=0.0, atol=1e-15)
 
 
 class ScriptedSource:
