@@ -6,9 +6,10 @@ import re
 import time
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
@@ -26,18 +27,24 @@ from palp_core.palpation.devices.unverified import UnverifiedWarning
 
 RNG = np.random.default_rng(0)
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
+places = st.one_of(numbers, st.floats(-0.06, 0.06))
 
 
 @settings(deadline=None)
-@given(from_m=numbers, to_m=numbers, speed=numbers)
-def test_no_move_that_is_let_through_leaves_the_window(from_m: float, to_m: float, speed: float) -> None:
+@given(axis=st.sampled_from("yz"), from_m=places, to_m=places, speed=numbers)
+@example("y", 0.0501, 0.0, 0.01)
+@example("z", -0.0002, 0.0, 0.01)
+def test_no_move_leaves_the_window_or_begins_outside_of_it(
+    axis: str, from_m: float, to_m: float, speed: float
+) -> None:
     limits = TravelLimits(y_m=(-0.03, 0.05))
+    low_m, high_m = limits.y_m if axis == "y" else limits.z_m
     try:
-        limits.check("y", from_m, to_m, speed)
+        limits.check(axis, from_m, to_m, speed)
     except DeviceError:
         return
-    assert -0.0301 < from_m < 0.0501
-    assert -0.03 <= to_m <= 0.05
+    assert low_m - 1e-4 < from_m < high_m + 1e-4
+    assert low_m <= to_m <= high_m
     assert 0.0 < speed <= 0.050
 
 
@@ -116,10 +123,12 @@ def test_many_short_runs_cost_a_look_each(monkeypatch: pytest.MonkeyPatch) -> No
     assert len(looked) < 50
 
 
-def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any, patient: dict[str, Any]) -> None:
-    rig = quick_rig("maestro")
-    ring = MaestroRing(**rig.options["maestro"], **patient["maestro"], duty=0.02, duty_window_s=50.0)
-    state = MaestroState()
+def test_a_ring_waits_for_its_motor_to_have_rested_and_so_does_its_successor(
+    quick_rig: Any, patient: dict[str, Any]
+) -> None:
+    options = {**quick_rig("maestro").options["maestro"], **patient["maestro"]}
+    options |= {"duty": 0.02, "duty_window_s": 50.0}
+    ring, state = MaestroRing(**options), MaestroState()
     ring.open(time.monotonic_ns(), state, RNG)
     now_ns = time.monotonic_ns()
     settled_ns = ring.command(0.0045, now_ns, state, RNG)  # 0.9 s; 0.2 of the 1 s went into homing
@@ -130,6 +139,12 @@ def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any, patient: dict
     ring.stop(time.monotonic_ns(), state)
     assert ring.read(time.monotonic_ns(), state).waits == ""
     ring.close()
+    inherited = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=MaestroState)
+    assert inherited.runs == state.runs
+    second, now_ns = MaestroRing(**options), time.monotonic_ns()
+    second.open(now_ns, inherited, RNG)
+    assert second.command(0.0045, now_ns, inherited, RNG) > now_ns + 20_000_000_000
+    second.close()
 
 
 def test_what_nobody_verified_is_said_aloud_once_each() -> None:

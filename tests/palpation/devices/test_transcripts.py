@@ -173,6 +173,11 @@ def test_the_stages_driver_understands_limits_and_the_emergency_stop(loop: Emula
     assert (script.wrong, script.part) == ([], [])
 
 
+def test_a_fault_without_a_name_is_told_by_its_bit() -> None:
+    assert aerotech.Fault(1 << 13 | 1).words == "position error, bit 13"
+    assert aerotech.Fault(0).words == "none"
+
+
 def test_a_bare_acknowledgement_is_one_byte_when_ends_are_off(axes: Axes) -> None:
     controller = Aerotech(axes, always_end=False)
     assert controller.receive(bytes.fromhex("454E41424C452040300A"), 0) == bytes.fromhex("25")
@@ -188,7 +193,6 @@ def test_a_bare_acknowledgement_is_one_byte_when_ends_are_off(axes: Axes) -> Non
 # Maestro: time in s, command, check byte, answer, and how the driver says it.
 RING: list[tuple[float, str, str, str, Callable[[MaestroLink], object], object]] = [
     (0.0, "87 00 05 00", "04", "", lambda link: link.command(maestro.set_speed(0, 5)), None),
-    (0.0, "89 00 04 00", "2D", "", lambda link: link.command(maestro.set_accel(0, 4)), None),
     (0.0, "84 00 20 1F", "48", "", lambda link: link.command(maestro.set_target(0, 4000)), None),
     (0.1, "90 00", "65", "A0 0F", lambda link: link.position(0), 4000),
     (0.1, "84 00 20 24", "4D", "", lambda link: link.command(maestro.set_target(0, 4640)), None),

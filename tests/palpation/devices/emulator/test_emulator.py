@@ -53,12 +53,6 @@ def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: flo
     rig.contact.close()
 
 
-def test_the_emulated_gel_is_right_in_what_the_run_reads() -> None:
-    rig = EmulatedRig(RigSettings(contact=ContactSettings(read="trace")), devices=())
-    assert [choice.name for choice in rig.contact.rig.choices.values()] == ["l4", "l4", "l2"]
-    rig.contact.close()
-
-
 def test_the_emulated_torque_in_a_world_is_that_worlds() -> None:
     """Sweeping on and back: the joint lags the other way, and starts where the probe was lowered."""
     touched = ContactSettings(code="A", world=LAB, lands_m=(-0.03, 0.05))

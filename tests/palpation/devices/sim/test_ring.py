@@ -159,14 +159,6 @@ def test_a_target_beyond_the_stroke_is_refused_and_changes_nothing(target: float
     assert msgspec.msgpack.encode(state) == kept
 
 
-def test_an_actuator_that_was_not_opened_refuses_to_move() -> None:
-    ring, rng = SimRing(), np.random.default_rng(0)
-    with pytest.raises(DeviceError, match="not homed"):
-        ring.command(0.004, 0, SimRingState(), rng)
-    with pytest.raises(DeviceError, match="not homed"):
-        ring.rehome(0, SimRingState(), rng)
-
-
 def test_a_speed_beyond_the_data_sheet_or_an_unknown_distribution_is_refused() -> None:
     with pytest.raises(DeviceError, match="speed_m_per_s"):
         SimRing(speed_m_per_s=0.0066)

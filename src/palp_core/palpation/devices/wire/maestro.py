@@ -63,11 +63,6 @@ def set_speed(channel: int, steps: int) -> bytes:
     return _word(0x87, channel, steps)
 
 
-def set_accel(channel: int, steps: int) -> bytes:
-    """Return the command for an acceleration limit; 0 lifts it."""
-    return _word(0x89, channel, steps)
-
-
 def get_position(channel: int) -> bytes:
     """Return the question for a channel's pulse length or, of an input, its voltage."""
     check_range("maestro", "channel", channel, 0, 23)
