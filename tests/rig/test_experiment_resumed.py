@@ -12,36 +12,25 @@ from msgs.experiment import Mount, Trial
 from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.errors import NodeError
-from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.process.checkpoint import NodeCheckpointer, restore
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
 from tests.nodes.test_experiment import Rig, params_in, run
 from tests.palpation.session.test_trials_csv import full_after
+from tests.support.kept import Kept, go_on
 
 
 def interrupted(out: Path, steps: int, **params: object) -> tuple[Bench[Experiment], bytes]:
     """Run so many requests; return the experiment, and what was kept of it as the last trial began."""
     bench = Bench(Experiment, params_in(out, **params))
-    kept = b""
-
-    def keep(_: int, node: bytes) -> None:
-        nonlocal kept
-        kept = node
-
-    keeping, rig = NodeCheckpointer(bench.executor, "/node/trial", keep), Rig(bench)
+    kept, rig = Kept(bench, "/node/trial"), Rig(bench)
     for _ in range(steps):
         rig.run(1)
-        keeping.turn()
+        kept.turn()
     bench.node.record.close()  # as the end of its process does
-    return bench, kept
+    return bench, kept.node
 
 
 def resumed(out: Path, kept: bytes, **params: object) -> Rig:
-    bench = Bench(Experiment, params_in(out, **params), active=False)
-    bench.executor.transition(Transition.CONFIGURE)
-    restore(bench.executor, kept)
-    bench.executor.transition(Transition.ACTIVATE)
-    return Rig(bench)
+    return Rig(go_on(Experiment, params_in(out, **params), kept))
 
 
 def trials_of(rows: list[Row]) -> dict[int, tuple[str, str, int]]:

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.cli.session import app
-from palp_core.graph.process.checkpoint import NodeCheckpointer
 from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
 from palp_core.palpation.session.human.record import read_human
 from palp_core.palpation.session.recorded_session import read_session
@@ -21,6 +20,7 @@ from palp_core.whole_file import write_json
 from tests.nodes.human.test_human_session import Lab
 from tests.nodes.test_experiment import Rig, params_in
 from tests.rig.test_experiment_resumed import resumed
+from tests.support.kept import Kept
 from tests.support.sessions import describe, writer
 
 PLANNED = 6  # trials of estimation of the small session
@@ -31,12 +31,12 @@ def ended(out: Path) -> list[Row]:
     return [row for row in read_rows(out) if row.verdict not in ("", "continue")]
 
 
-def run_until(rig: Rig, out: Path, count: int, keeping: NodeCheckpointer | None = None) -> None:
+def run_until(rig: Rig, out: Path, count: int, kept: Kept | None = None) -> None:
     """Go on until so many trials of estimation are over."""
     while len(ended(out)) < count:
         rig.run(1)
-        if keeping is not None:
-            keeping.turn()
+        if kept is not None:
+            kept.turn()
 
 
 def test_a_trial_marked_while_the_session_goes_on_is_done_again_at_its_end(
@@ -77,22 +77,17 @@ def test_what_was_done_again_may_be_marked_again(tmp_path: Path) -> None:
 def test_an_interrupted_session_does_it_again_once(tmp_path: Path) -> None:
     """Interrupted after the mark was seen, and within the trial that is done again."""
     for stop in (3, 6):
-        out, kept = tmp_path / str(stop), b""
+        out = tmp_path / str(stop)
         rig = Rig(Bench(Experiment, params_in(out)))
-
-        def keep(_: int, node: bytes) -> None:
-            nonlocal kept
-            kept = node
-
-        keeping = NodeCheckpointer(rig.bench.executor, "/node/trial", keep)
-        run_until(rig, out, 1, keeping)
+        kept = Kept(rig.bench, "/node/trial")
+        run_until(rig, out, 1, kept)
         decide(out, ("estimation", 1), "redo", "slipped")
-        run_until(rig, out, stop, keeping)
+        run_until(rig, out, stop, kept)
         for _ in range(3):
             rig.run(1)
-            keeping.turn()
+            kept.turn()
         rig.bench.node.record.close()  # as the end of its process does
-        resumed(out, kept).run()
+        resumed(out, kept.node).run()
         assert [row.trial for row in ended(out)] == list(range(1, PLANNED + 2))
         assert [one.deed for one in decisions(out)] == ["redo", "redone"]
 

@@ -8,12 +8,11 @@ import pytest
 
 from nodes.human.session import HumanSession
 from palp_core.errors import NodeError, PalpError
-from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.process.checkpoint import NodeCheckpointer, restore
 from palp_core.palpation.session.human.blinding import unseal
 from palp_core.palpation.session.human.questions import QUESTION
 from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human, refuse_human
 from tests.nodes.human.test_human_session import Lab
+from tests.support.kept import Kept, go_on
 
 
 def whole_trial(lab: Lab) -> None:
@@ -24,27 +23,20 @@ def whole_trial(lab: Lab) -> None:
 
 def interrupted(out: Path, trials: int) -> bytes:
     """Make so many trials and most of another; return what was kept after the last whole one."""
-    lab, kept = Lab(out), b""
-
-    def keep(_: int, node: bytes) -> None:
-        nonlocal kept
-        kept = node
-
-    keeping = NodeCheckpointer(lab.bench.executor, "/node/result", keep)
+    lab = Lab(out)
+    kept = Kept(lab.bench, "/node/result")
     lab.calibrate()
     for _ in range(trials):
         whole_trial(lab)
-        keeping.turn()
+        kept.turn()
     lab.trial()
     lab.bench.node.record.close()  # as the end of its process does
-    return kept
+    return kept.node
 
 
 def resumed(out: Path, kept: bytes) -> Lab:
     lab = Lab(out, active=False)
-    lab.bench.executor.transition(Transition.CONFIGURE)
-    restore(lab.bench.executor, kept)
-    lab.bench.executor.transition(Transition.ACTIVATE)
+    lab.bench = go_on(HumanSession, lab.bench.executor.spec.params, kept)
     return lab
 
 
