@@ -31,6 +31,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosWriter
 
+from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.file_reader import FileReader
 from palp_core.graph.bag.mcap.file_writer import FileWriter
 from palp_core.graph.bag.mcap.records import Channel, Schema
@@ -178,7 +179,10 @@ def recovered_share(path: Path, count: int) -> float:
     data[first.offset + first.length // 2] ^= 0xFF
     torn.write_bytes(data)
     shutil.rmtree(path.parent / "saved", ignore_errors=True)
-    return sum(recover(torn, path.parent / "saved").message_count.values()) / count
+    try:
+        return sum(recover(torn, path.parent / "saved").message_count.values()) / count
+    except BagError:  # nothing could be saved
+        return 0.0
 
 
 def writers(folder: Path, count: int) -> dict[str, float]:
