@@ -1,4 +1,4 @@
-"""The pictures of the pages in docs/view.md and the README: of graphs that run, in Chromium.
+"""Take the pictures of docs/how_to/live_page.md and the README from graphs that run, in Chromium.
 
 Run: .venv/bin/python -m benchmarks.view_pictures [--out docs/view] [--only NAME ...]
 

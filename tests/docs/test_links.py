@@ -39,5 +39,5 @@ def test_each_link_leads_somewhere() -> None:
 
 
 def test_a_link_that_leads_nowhere_is_found() -> None:
-    text = "[a](view.md) [b](nowhere.md) [c](world.md#no-such-heading) [d](#neither) [e](https://x.org/y)"
-    assert len(broken_links(ROOT / "docs" / "view.md", text)) == 3
+    text = "[a](index.md) [b](nowhere.md) [c](index.md#no-such-heading) [d](#neither) [e](https://x.org/y)"
+    assert len(broken_links(ROOT / "docs" / "index.md", text)) == 3
