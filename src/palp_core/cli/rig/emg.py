@@ -40,7 +40,7 @@ UnitOption = Annotated[
 ]
 SettingsOption = Annotated[
     list[str] | None,
-    option("Setting of the analysis: docs/perception.md; repeatable.", "--set", metavar="NAME:=VALUE"),
+    option("Analysis setting; see docs/explanation/emg.md; repeatable.", "--set", metavar="NAME:=VALUE"),
 ]
 SHOWN = (
     *("file", "mvc", "fds", "edc", "rate_hz", "unit", "duration_s", "cocontraction_mean", "burst_count"),
