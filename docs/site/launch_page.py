@@ -13,11 +13,9 @@ from palp_core.graph.description.launch_keys import SECTIONS, SUBSTITUTIONS, Key
 
 _HEAD = """# Launch file: every key
 
-A launch file names nodes, their parameters and their wires. `palp launch FILE --check` tells every mistake
-with file,
-line and column and starts nothing; this page, that check and the schema for editors are made from the same
-structs.
-YAML is read by version 1.2: `on` is a text and `1e-3` a number; a key that is given twice is an error.
+A launch file names nodes, their parameters and their wires. `palp launch FILE --check` reports every
+mistake with file, line and column, and starts nothing. YAML is version 1.2: `on` is a text, `1e-3` a number,
+and a repeated key an error. This page is generated from the structs that the check reads.
 
 ```yaml
 # count.yaml
@@ -30,28 +28,26 @@ nodes:
 
 ## In an editor
 
-`palp graph schema` prints the JSON Schema (draft 7) of launch files. Editors with the YAML language
-server complete
-keys and mark mistakes by it, if the file's first line says where it is:
+`palp graph schema` prints the JSON Schema (draft 7) of launch files. Editors with the YAML language server
+use it to complete keys and mark mistakes, if the first line of the file names it:
 
 <!-- not run: a line of a launch file, for editors -->
 ```yaml
 # yaml-language-server: $schema=launch.schema.json
 ```
 
-The schema knows keys, words and bounds. Which arguments, parameters and ports there are, the check alone
-knows.
+The schema has keys, words and bounds. Only the check knows your arguments, parameters and ports.
 """
 
 _SUBSTITUTIONS = """## Substitutions
 
-In any value. None holds another; where one stands alone, the value keeps its type.
+Any value may contain them. They do not nest. A substitution that is the whole value keeps its type.
 
 """
 
 _SELECTIONS = """## One of several
 
-`run`, `params` and `inputs` of a node may depend on an argument. Every branch is checked, whichever is given:
+`run`, `params` and `inputs` of a node may depend on an argument. Every branch is checked:
 
 <!-- not run: a part of a launch file -->
 ```yaml
@@ -111,7 +107,7 @@ def launch_page() -> str:
 def _section(place: str, keys: type[Keys]) -> Iterator[str]:
     yield f"## {str(keys.__doc__).rstrip('.')}\n"
     yield f"At `{place}`.\n" if place else "At the top.\n"
-    yield "| key | what stands there | without it | what it is for |"
+    yield "| key | value | default | purpose |"
     yield "|---|---|---|---|"
     for field in inspect.type_info(keys).fields:  # type: ignore[attr-defined]
         about = _about(field.type)

@@ -6,11 +6,10 @@ from palp_core.palpation.devices.contract import PROMISES
 
 _HEAD = """# What a driver promises
 
-`palp devices contract MODULE:CLASS` checks these on a driver of your own, one by one, and says which is
-broken and how; [devices](../devices.md) says how a driver is written, and what its methods are given and
-return.
+`palp devices contract MODULE:CLASS` checks these promises on your driver and reports which one is broken,
+and how. To write a driver, see [devices](../devices.md).
 
-| who | promises that | that is |
+| device | promise | meaning |
 |---|---|---|
 """
 

@@ -28,11 +28,10 @@ _WORDS = {"output": OUTPUTS, "strain": STRAINS}
 
 _HEAD = """# Scene and phantom files: every key
 
-A scene says what is swept over what, and how right which output must be. What is left out is the published
-rig.
-`palp scene explain FILE` tells which contact model it gets and why; `palp launch launch/sim.yaml
-scene:=FILE` runs in it.
-A mistake is told with file, line, column and the nearest key. Lengths are in metres, all else in SI units.
+A scene file describes phantom, probe and path of a sweep, and how accurate an output must be. Missing keys
+are those of the published rig. `palp scene explain FILE` prints which contact model palp chooses, and why.
+`palp launch launch/sim.yaml scene:=FILE` runs in it. All values are in SI units. A mistake is reported with
+file, line, column and the nearest key.
 
 ```yaml
 # scene.yaml
@@ -49,9 +48,8 @@ palp scene explain scene.yaml
 
 _PHANTOMS = """## A file of phantoms
 
-`phantoms:=FILE` names phantoms by codes of your own, each as under `phantom` above; `bead: none` is bare
-gel. Without a
-file the codes are A, B and C: the paper's beads, 2, 4 and 8 mm deep.
+`phantoms:=FILE` lists phantoms by your own codes, each with the keys of `phantom` above; `bead: none` is bare
+gel. Without a file the codes are A, B and C: the paper's beads, 2, 4 and 8 mm deep.
 
 ```yaml
 # phantoms.yaml
@@ -61,8 +59,7 @@ aside: {modulus_pa: 20000.0, bead: {depth_m: 0.004, beside_m: 0.003}}
 bare: {modulus_pa: 20000.0, bead: none}
 ```
 
-What real phantoms have beside that (texture, wear, spread) is the world's: [the simulated
-world](../explanation/world.md).
+For texture, wear and spread of phantoms, see [the simulated world](../explanation/world.md).
 """
 
 
@@ -76,7 +73,7 @@ def scene_page() -> str:
 def _section(place: str, title: str, kind: type) -> Iterator[str]:
     yield f"## {title}\n"
     yield (f"At `{place}`. " if place else "") + (inspect.getdoc(kind) or "").splitlines()[0] + "\n"
-    yield "| key | without it | bounds | what it is |"
+    yield "| key | default | bounds | meaning |"
     yield "|---|---|---|---|"
     said = _sentences(kind)
     for field in dataclasses.fields(kind):

@@ -11,9 +11,8 @@ from palp_core import units
 
 _HEAD = """# Python: units
 
-`from palp_core.units import Metres, ...`: a number with its unit and its bounds, as the annotation of a
-message's or a
-parameter's field. Decoding checks the bounds, and refuses NaN and infinity with them. On the wire all is SI.
+`from palp_core.units import Metres, ...`: annotations for fields of messages and parameters. Each has a unit
+and bounds. Decoding refuses numbers out of bounds, NaN and infinity. All values on the wire are in SI units.
 
 ```python
 # with_units.py
@@ -26,7 +25,7 @@ class Press(Message):
     held_s: Seconds
 ```
 
-A unit that is missing is one line, with its bounds:
+Declare a missing unit in one line:
 
 ```python
 # own_unit.py
@@ -48,7 +47,7 @@ class Dose(Message):
 
 ## All
 
-| name | of | unit | from | to |
+| name | type | unit | least | largest |
 |---|---|---|---|---|
 """
 

@@ -55,7 +55,7 @@ def _table(command: Any, path: str) -> Iterator[str]:
     with typer.Context(command, info_name=path) as context:
         rows = [_row(parameter, context) for parameter in command.get_params(context)]
     if rows := [row for row in rows if row]:
-        yield "| | what it does |\n|---|---|\n"
+        yield "| | effect |\n|---|---|\n"
         yield "".join(rows)
 
 

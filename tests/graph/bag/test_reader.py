@@ -1,6 +1,6 @@
 import json
 import tracemalloc
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
-from palp_core.errors import BagDamaged, BagError
+from palp_core.errors import BagError
 from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.mcap.chunk import RawMessage
 from palp_core.graph.bag.mcap.file_reader import ChunkPlace
+from palp_core.graph.bag.mcap.records import MAGIC, MESSAGE_BYTES
 from palp_core.graph.bag.reader import Bag, read, to_numpy
 from palp_core.graph.bag.recover import recover
 from palp_core.graph.messages.frame import parse
@@ -102,6 +103,10 @@ LAYOUTS: dict[str, dict[str, Any]] = {
     "no index": {"index_types": IndexType.NONE},
     "no definitions": {"repeat_channels": False, "repeat_schemas": False},
     "no statistics": {"use_statistics": False, "repeat_channels": False},
+    "no chunks": {"use_chunking": False},
+    "no chunks, no CRCs": {"use_chunking": False, "enable_crcs": False},
+    "no chunks, no definitions": {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
+    "no chunks, no summary": {"use_chunking": False, "use_statistics": False, "repeat_channels": False},
     "nothing at the end": {
         "use_statistics": False,
         "use_summary_offsets": False,
@@ -110,7 +115,7 @@ LAYOUTS: dict[str, dict[str, Any]] = {
         "repeat_schemas": False,
     },
 }
-"""Options of the package mcap."""
+"""Options of the package mcap; ``no summary``: as of a writer that was killed after the last message."""
 
 
 def foreign_file(path: Path, layout: str, sequences: Iterable[int] = range(1, 51)) -> Path:
@@ -127,6 +132,9 @@ def foreign_file(path: Path, layout: str, sequences: Iterable[int] = range(1, 51
             if not place:
                 writer.add_attachment(0, 0, "a.txt", "text/plain", b"abc")
         writer.finish()  # type: ignore[no-untyped-call]
+    if "no summary" in layout:
+        data = path.read_bytes()
+        path.write_bytes(data[: data.rindex(b"}") + 1])
     return path
 
 
@@ -137,14 +145,43 @@ def test_whatever_the_layout_of_anothers_file_every_message_is_read_and_saved(
     path = foreign_file(tmp_path / "other.mcap", layout)
     found = bag_info(path)
     assert {name: topic.count for name, topic in found.topics.items()} == {"/t0": 10, "/t10": 40}
-    assert found.healthy
-    assert found.complete
+    assert found.healthy == found.complete == ("no summary" not in layout)
     assert found.attachments == ["a.txt"]
     assert [m.value["i"] for m in read(path, ["/t10"], start_ns=3 * 10**8)] == list(range(30, 50))
     report = recover(path, tmp_path / "saved")
     assert report.message_count == {"/t0": 10, "/t10": 40}
-    assert report.unverified_count == (50 if layout == "no CRCs" else 0)
+    assert report.unverified_count == (50 if layout == "no CRCs" or "no chunks" in layout else 0)
     assert [m.value["i"] for m in read(tmp_path / "saved")] == list(range(50))
+
+
+@pytest.mark.parametrize("layout", ["no chunks", "no chunks, no summary"])
+@pytest.mark.parametrize(
+    ("harm", "saved"),
+    [
+        (lambda data, at: data[: at + 30], 20),  # cut amid a message
+        (lambda data, at: data[:at] + bytes(len(data) - at), 20),  # zeros, as after a power cut
+        (lambda data, at: data[: at + 1] + b"\xff\xff" + data[at + 3 :], 49),  # a length too large
+        (lambda data, at: data[: at + 1] + b"\x10" + data[at + 2 :], 49),  # a length too small
+        (lambda data, at: data[: at + 20] + b"noise" + data[at + 20 :], 49),
+        (
+            lambda data, at: bytes(8) + data[8 : at + 20] + b"noise" + data[at + 20 :],
+            49,
+        ),  # and the first bytes
+    ],
+)
+def test_messages_outside_chunks_are_saved_around_a_damage(
+    layout: str, harm: Callable[[bytes, int], bytes], saved: int, tmp_path: Path
+) -> None:
+    path = foreign_file(tmp_path / "other.mcap", layout)
+    data = path.read_bytes()
+    path.write_bytes(harm(data, data.index(b'{"i": 20') - MESSAGE_BYTES))
+    if path.read_bytes().startswith(MAGIC):
+        info = bag_info(path)
+        assert not info.healthy
+        assert not info.complete
+    report = recover(path, tmp_path / "saved")
+    assert sum(report.message_count.values()) == report.unverified_count == saved
+    assert [m.value["i"] for m in read(tmp_path / "saved")] == [i for i in range(50) if i != 20][:saved]
 
 
 @pytest.mark.parametrize(
@@ -196,20 +233,6 @@ def test_a_clock_that_goes_back_is_reported(
     assert topics["/a"].backward_count == count
     assert topics["/a"].backward_s == pytest.approx(back_s)
     assert topics["/b"].backward_count == 0
-
-
-def test_messages_outside_chunks_are_refused_in_words(tmp_path: Path) -> None:
-    path = tmp_path / "flat.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, use_chunking=False)
-        writer.start("", "other")
-        writer.add_message(writer.register_channel("/a", "json", 0), 0, b"{}", 0)
-        writer.finish()  # type: ignore[no-untyped-call]
-    with pytest.raises(BagDamaged, match="a message outside a chunk; of a rosbag2: palp bag convert --from"):
-        list(read(path))
-    assert not bag_info(path).healthy
-    with pytest.raises(BagError, match=r"no message could be saved: .*a message outside a chunk"):
-        recover(path, tmp_path / "saved")
 
 
 def test_memory_stays_flat(tmp_path: Path, kit: Any) -> None:

@@ -24,7 +24,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
         missing_files: Files that ``metadata.yaml`` names and that are gone.
         message_count: Messages saved, per topic.
         unverified_count: Of them, those that no CRC covers: from a chunk that the file's end cuts off (the
-            last ones), or, of another program, from a chunk without a CRC.
+            last ones), or, of another program, from a chunk without a CRC or outside any chunk.
         unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
         complete: Nothing was lost, as far as the damaged bag can tell.
@@ -78,10 +78,11 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
             found = salvage(file)
             report.files.append(file.name)
             problems += [f"{file.name}: {problem}" for problem in found.problems]
-            report.chunk_count += len(found.chunks)
+            chunks = [chunk for chunk in found.chunks if not chunk.bare]
+            report.chunk_count += len(chunks)
             report.damaged_chunk_count += found.damaged_chunk_count
             report.damaged_bytes += found.damaged_bytes
-            report.unchecked_chunk_count += len(found.unchecked)
+            report.unchecked_chunk_count += sum(chunk.offset in found.unchecked for chunk in chunks)
             for messages, checked in found.messages():
                 saved = saver.save(found, messages)
                 report.unverified_count += 0 if checked else saved

@@ -277,7 +277,7 @@ def test_one_muscle_is_analysed_by_itself(recording: tuple[Path, Path], tmp_path
     for path in (trial, mvc):
         both = np.loadtxt(path, delimiter=",", skiprows=1)
         files.append(tmp_path / path.name)
-        np.savetxt(files[-1], both[:, 0], header="EMG (uV)", comments="")
+        np.savetxt(files[-1], both[:, 0], header="Labels:= EMG\nengineering units: uV")
     asked = ["analyse", files[0], "--fs", 1500, "--mvc", files[1]]
     found = json.loads(run(*asked, "--out", tmp_path / "o", "--json").stdout)
     effort, samples = subject(0)

@@ -1,8 +1,8 @@
 """Read one MCAP file: by its summary where that is whole, then through the records that it leaves out.
 
 Nothing is believed unchecked: a summary and every chunk must match their CRC, and a chunk its entry in the
-summary. A file without summary (its writer was killed) is read as far as it goes. Messages outside chunks, as
-rosbag2's ``fastwrite`` puts them, are refused.
+summary. A file without summary (its writer was killed) is read as far as it goes. Messages may be outside
+chunks, as rosbag2's ``fastwrite`` puts them.
 """
 
 import struct
@@ -18,28 +18,55 @@ from palp_core.graph.bag.mcap.chunk import DEFINITIONS, RawMessage, made_by_palp
 
 T = TypeVar("T", records.Attachment, records.Metadata)
 _FOOTER_BYTES = records.RECORD_BYTES + 20
-OUTSIDE = "a message outside a chunk; of a rosbag2: palp bag convert --from ros2, else: mcap compress"
 _PEEK_BYTES = records.RECORD_BYTES + 6
+_STRETCH_BYTES = 1 << 20
 
 
 class ChunkPlace(NamedTuple):
-    """Where a chunk's record is, and what the summary says of it, if there is one."""
+    """Where a chunk's record is, or a stretch of messages outside chunks.
+
+    Attributes:
+        entry: What the summary says of the chunk, if there is one.
+        bare: There is no chunk around these records.
+    """
 
     offset: int
     length: int
     entry: records.ChunkIndex | None = None
+    bare: bool = False
+
+    def open(self, data: bytes, *, has_crc: bool) -> bytes:
+        """Return the records of the chunk or the stretch, given all its bytes; errors as of `open_chunk`."""
+        return data if self.bare else open_chunk(data, self.entry, has_crc=has_crc)
+
+
+def extend_places(places: list[ChunkPlace], offset: int, length: int) -> None:
+    """Add a message outside chunks, to the last stretch if it follows it and there is room."""
+    last = places[-1] if places else None
+    if last and last.bare and last.offset + last.length == offset and last.length < _STRETCH_BYTES:
+        places[-1] = last._replace(length=last.length + length)
+    else:
+        places.append(ChunkPlace(offset, length, bare=True))
 
 
 class FileReader(AbstractContextManager["FileReader"]):
-    """Reads one file; its definitions are those known so far, all of them if it was ``closed``."""
+    """Reads one file.
+
+    Attributes:
+        closed: It has a whole summary: its writer came to its end.
+        schemas, channels: Definitions known so far; all of them if ``closed``.
+        statistics: Counts of the whole file, if ``closed`` and written.
+        chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
+        problems: What is wrong with the file, in words.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.closed = False  # it has a whole summary: its writer came to its end
+        self.closed = False
         self.schemas: dict[int, records.Schema] = {}
         self.channels: dict[int, records.Channel] = {}
         self.statistics: records.Statistics | None = None
-        self.chunks: list[ChunkPlace] = []  # in file order
+        self.chunks: list[ChunkPlace] = []
         self.problems: list[str] = []
         self._attachments: list[tuple[int, int]] = []
         self._metadata: list[tuple[int, int]] = []
@@ -72,12 +99,18 @@ class FileReader(AbstractContextManager["FileReader"]):
         self.close()
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     def messages(
         self, channels: Container[int] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[list[RawMessage]]:
-        """Iterate messages in file order, chunk by chunk, up to a damage, which is raised."""
+        """Iterate messages in file order, chunk by chunk.
+
+        Raises:
+            BagDamaged: A chunk is not what was written, or the file ends amid a record; every whole chunk
+                before it has been yielded.
+        """
         timed = start_ns is not None or end_ns is not None
         low, high = start_ns or 0, 1 << 64 if end_ns is None else end_ns
         for place in self.chunks:
@@ -95,9 +128,14 @@ class FileReader(AbstractContextManager["FileReader"]):
             raise self._damage
 
     def read_chunk(self, place: ChunkPlace) -> list[RawMessage]:
+        """Return a chunk's messages, checked.
+
+        Raises:
+            BagDamaged: It is not what was written.
+        """
         try:
             data = self._read_at(place.offset, place.length)
-            return split_chunk(open_chunk(data, place.entry, has_crc=self._has_crcs), self._define)
+            return split_chunk(place.open(data, has_crc=self._has_crcs), self._define)
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, place.offset, f"a chunk is damaged: {error}") from error
 
@@ -137,7 +175,11 @@ class FileReader(AbstractContextManager["FileReader"]):
             raise BagDamaged(self.path, offset, str(error)) from error
 
     def _read_summary(self) -> bool:
-        """Read the summary; return False where the writer did not come to it; ValueError if it is damaged."""
+        """Read the summary; return False where the writer did not come to writing it.
+
+        Raises:
+            ValueError: It is not what was written.
+        """
         end = self.size - len(records.MAGIC) - _FOOTER_BYTES
         footer = self._read_at(max(end, 0), _FOOTER_BYTES + len(records.MAGIC))
         if (
@@ -193,12 +235,13 @@ class FileReader(AbstractContextManager["FileReader"]):
         if self.statistics is not None:
             wanted |= self.statistics.channel_message_counts.keys()
         for place in self.chunks:
-            if not ((place.entry or self.statistics) and wanted <= self.channels.keys()):
+            listed = place.bare or place.entry or self.statistics
+            if not (listed and wanted <= self.channels.keys()):
                 with suppress(BagDamaged):  # reading the messages raises it
                     self.read_chunk(place)
 
     def _walk(self, offset: int, end: int) -> None:
-        """Go from record to record; note chunks, definitions, attachments and metadata."""
+        """Go from record to record; note chunks, attachments, metadata, and what is outside chunks."""
         while offset < end:
             head = self._read_at(offset, _PEEK_BYTES)
             if len(head) < records.RECORD_BYTES:
@@ -217,7 +260,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             if op == records.Op.CHUNK:
                 self.chunks.append(ChunkPlace(offset, size))
             elif op == records.Op.MESSAGE:
-                return self._note_damage(offset, OUTSIDE)
+                extend_places(self.chunks, offset, size)
             elif op in DEFINITIONS and not self._has_crcs:
                 try:
                     self._define(op, memoryview(self._read_at(offset, size))[records.RECORD_BYTES :])

@@ -1,4 +1,4 @@
-"""Find every intact chunk of a damaged file, whatever is broken around it."""
+"""Find every intact chunk of a damaged file, and messages outside chunks, whatever is broken around them."""
 
 import mmap
 import re
@@ -18,23 +18,36 @@ from palp_core.graph.bag.mcap.chunk import (
     read_chunk_head,
     split_chunk,
 )
-from palp_core.graph.bag.mcap.file_reader import ChunkPlace, FileReader
+from palp_core.graph.bag.mcap.file_reader import ChunkPlace, FileReader, extend_places
 
 _CHUNK = re.compile(
     rb"\x06.{5}\x00{3}.{28}(?:\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})",
     re.DOTALL,
 )
 """How a chunk begins: opcode, a length below 2**40, times, size, CRC, the name of a compression."""
+_MESSAGE = re.compile(rb"\x05.{5}\x00{3}", re.DOTALL)
+"""How a message begins: opcode, a length below 2**40."""
 
 
 class Salvage(msgspec.Struct, kw_only=True):
+    """What is intact in a file.
+
+    Attributes:
+        chunks: Every chunk whose CRC matches, or that has none, and every stretch of messages outside chunks.
+        unchecked: Offsets of those that no CRC covers.
+        torn: Offset of a last chunk that the file's end cuts off and that is not compressed, or -1.
+        damaged_chunk_count: Chunks that are not what was written.
+        damaged_bytes: Bytes that belong to nothing intact.
+        problems: What is wrong with the file, as far as opening it shows.
+    """
+
     path: Path
-    chunks: list[ChunkPlace] = []  # of which a CRC matches, or that have none
-    unchecked: set[int] = set()  # offsets of those that no CRC covers
+    chunks: list[ChunkPlace] = []
+    unchecked: set[int] = set()
     has_crcs: bool = False
-    torn: int = -1  # offset of an uncompressed last chunk that the file's end cuts off
+    torn: int = -1
     damaged_chunk_count: int = 0
-    damaged_bytes: int = 0  # that belong to nothing intact
+    damaged_bytes: int = 0
     problems: list[str] = []
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
@@ -42,11 +55,11 @@ class Salvage(msgspec.Struct, kw_only=True):
     metadata: dict[str, records.Metadata] = {}
 
     def messages(self) -> Iterator[tuple[list[RawMessage], bool]]:
-        """Iterate the intact messages in file order, chunk by chunk, and whether a CRC covers them."""
+        """Iterate the intact messages in file order, stretch by stretch, and whether a CRC covers them."""
         with self.path.open("rb") as file:
             for place in self.chunks:
                 file.seek(place.offset)
-                data = open_chunk(file.read(place.length), place.entry, has_crc=self.has_crcs)
+                data = place.open(file.read(place.length), has_crc=self.has_crcs)
                 yield split_chunk(data, _ignore), place.offset not in self.unchecked
 
     def torn_messages(self) -> list[RawMessage]:
@@ -62,7 +75,11 @@ class Salvage(msgspec.Struct, kw_only=True):
             return []
 
     def define(self, op: int, content: memoryview) -> None:
-        """Take a definition; the first of an id counts."""
+        """Take a definition; the first of an id counts.
+
+        Raises:
+            ValueError: It makes no sense.
+        """
         if op == records.Op.SCHEMA:
             schema = records.parse(records.Schema, content)
             self.schemas.setdefault(schema.id, schema)
@@ -76,6 +93,9 @@ def salvage(path: Path) -> Salvage:
 
     Where no record begins, the search goes on for the next thing that looks like a chunk and has a CRC that
     matches.
+
+    Raises:
+        BagError: No such file.
     """
     found = Salvage(path=path)
     try:
@@ -134,7 +154,10 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
             good = proven = _take_place(found, data, ChunkPlace(offset, length))
             found.damaged_chunk_count += not good
         elif op == records.Op.MESSAGE:
-            good = proven = False
+            good = proven = _is_message(found, data, offset, length)
+            if good:
+                extend_places(found.chunks, offset, length)
+                found.unchecked.add(found.chunks[-1].offset)
         elif op in DEFINITIONS and not found.has_crcs:
             good = proven = _take_definition(found, data, offset, length)
         else:
@@ -152,6 +175,7 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
 
 
 def _next_start(found: Salvage, data: mmap.mmap, start: int) -> int:
+    """Return where the next intact chunk begins, or the next message where there are no chunks; else -1."""
     for match in _CHUNK.finditer(data, start):
         length = _record_length(data, match.start())
         if length is not None:
@@ -160,7 +184,28 @@ def _next_start(found: Salvage, data: mmap.mmap, start: int) -> int:
             except (ValueError, struct.error):
                 continue
             return match.start()
+    if found.torn >= 0 or not all(place.bare for place in found.chunks):
+        return -1  # what looks like a message is in a damaged chunk
+    for match in _MESSAGE.finditer(data, start):
+        length = _record_length(data, match.start())
+        if length is not None and _is_message(found, data, match.start(), length):
+            return match.start()
     return -1
+
+
+def _is_message(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
+    """Say whether a record is a message of a known channel, and another record, or the end, follows it.
+
+    Without that its length may be wrong: of a damaged record, the one before it is not saved either.
+    """
+    if found.has_crcs or length < records.MESSAGE_BYTES:  # palp writes none outside chunks
+        return False
+    channel = int(records.MESSAGE.unpack_from(data, offset)[2])
+    end = offset + length
+    if channel not in found.channels or end + records.RECORD_BYTES > len(data):
+        return channel in found.channels
+    op, next_length = records.RECORD.unpack_from(data, end)
+    return bool(op <= records.Op.DATA_END and next_length < 1 << 40)
 
 
 def _record_length(data: mmap.mmap, offset: int) -> int | None:
@@ -176,12 +221,12 @@ def _take_place(found: Salvage, data: mmap.mmap, place: ChunkPlace) -> bool:
     schemas, channels = dict(found.schemas), dict(found.channels)
     try:
         chunk = data[place.offset : place.offset + place.length]
-        split_chunk(open_chunk(chunk, place.entry, has_crc=found.has_crcs), found.define)
+        split_chunk(place.open(chunk, has_crc=found.has_crcs), found.define)
     except (ValueError, struct.error):
         found.schemas, found.channels = schemas, channels
         return False
     found.chunks.append(place)
-    if not (found.has_crcs or read_chunk_head(chunk)[3]):
+    if place.bare or not (found.has_crcs or read_chunk_head(chunk)[3]):
         found.unchecked.add(place.offset)
     return True
 

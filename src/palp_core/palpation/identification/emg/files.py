@@ -86,6 +86,7 @@ _READERS = {
     ".edf": f"{_HERE}.files_edf:read_edf",
     ".bdf": f"{_HERE}.files_edf:read_edf",
     ".xdf": f"{_HERE}.files_xdf:read_xdf",
+    ".xdfz": f"{_HERE}.files_xdf:read_xdf",
     ".mcap": f"{_HERE}.files_bag:read_bag",
 }
 

@@ -1,14 +1,17 @@
 """The Extensible Data Format, XDF, as LabRecorder writes it of LSL streams; pyxdf reads it.
 
-pyxdf puts all streams on one clock and takes the jitter off the time stamps. What follows the last whole
-chunk is left out here, and noted.
+pyxdf puts all streams on one clock and takes the jitter off the time stamps. What it does not do is done
+here: what follows the last whole chunk is left out and noted, an outlet that restarted is one recording, and
+a clock that went back is noted.
 """
 
 from __future__ import annotations
 
+import gzip
 import io
+import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ from palp_core.errors import PalpError
 from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign
 from palp_core.palpation.identification.emg.files import (
+    LARGEST_BYTES,
     Column,
     EmgFile,
     plain_unit,
@@ -48,7 +52,11 @@ class _Stream:
 
 
 def read_xdf(path: Path) -> EmgFile:
-    """Read the streams of EMG, or if none has that type, all with a rate; each channel is a column."""
+    """Read the streams of EMG, or where none is of that type all that have a rate; each channel is a column.
+
+    Raises:
+        PalpError: It is no XDF file, has no EMG, or EMG without a rate, or pyxdf is not installed.
+    """
     data, notes = _whole_chunks(path)
     try:
         import pyxdf
@@ -73,8 +81,9 @@ def read_xdf(path: Path) -> EmgFile:
     if not sampled:
         raise PalpError(f"{path}: the stream {chosen[0]} has no sample: cut off, or never sent")
     columns = []
-    for one in sampled:
-        before = f"{one.name}: " if len(sampled) > 1 else ""
+    joined = list(_joined([_forward(one, notes) for one in sampled], notes))
+    for one in joined:
+        before = f"{one.name}: " if len(joined) > 1 else ""
         for label, unit, row in zip(one.labels, one.units, one.samples, strict=True):
             columns.append(Column(before + label, row, unit, one.rate_hz, one.times_s))
     return EmgFile(
@@ -85,6 +94,14 @@ def read_xdf(path: Path) -> EmgFile:
 def _whole_chunks(path: Path) -> tuple[bytes, list[str]]:
     """Return the file up to its last whole chunk, and a note where more follows."""
     data = path.read_bytes()
+    if data[:2] == b"\x1f\x8b":
+        try:
+            with gzip.open(io.BytesIO(data)) as packed:
+                data = packed.read(LARGEST_BYTES + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise PalpError(f"{path}: a packed XDF file that is cut or damaged: {error}") from error
+        if len(data) > LARGEST_BYTES:
+            raise PalpError(f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB")
     if data[: len(_MAGIC)] != _MAGIC:
         raise PalpError(f"{path}: not an XDF file; its first bytes are {data[:4]!r}")
     end = len(_MAGIC)
@@ -122,3 +139,39 @@ def _stream(one: dict[str, Any]) -> _Stream:
         samples=np.asarray(one["time_series"], dtype=np.float64).reshape(len(one["time_stamps"]), count).T,
         times_s=np.asarray(one["time_stamps"], dtype=np.float64),
     )
+
+
+def _forward(stream: _Stream, notes: list[str]) -> _Stream:
+    """Return a stream whose times go forward: after a clock that went back, samples follow without a gap."""
+    times_s = stream.times_s.copy()
+    for at in np.flatnonzero(np.diff(times_s) < 0.0) + 1:
+        back_s = times_s[at - 1] - times_s[at]
+        notes.append(
+            f"the clock of stream '{stream.name}' goes back by {back_s:.4g} s at sample {at}: what follows "
+            "counts as recorded right after"
+        )
+        times_s[at:] += back_s + 1.0 / stream.rate_hz
+    return replace(stream, times_s=times_s)
+
+
+def _joined(streams: list[_Stream], notes: list[str]) -> Iterator[_Stream]:
+    """Yield the streams, those of an outlet that restarted as one with a gap."""
+    before: dict[tuple[object, ...], _Stream] = {}
+    for number, one in enumerate(streams):
+        key = (one.name, one.kind, one.rate_hz, *one.labels, *one.units)
+        first = before.get(key)
+        if first is None:
+            before[key] = one
+        elif first.times_s[-1] < one.times_s[0]:
+            gap_s = float(one.times_s[0] - first.times_s[-1])
+            notes.append(
+                f"the outlet of stream '{one.name}' restarted: one recording with a gap of {gap_s:.4g} s"
+            )
+            before[key] = replace(
+                first,
+                samples=np.concatenate([first.samples, one.samples], axis=1),
+                times_s=np.concatenate([first.times_s, one.times_s]),
+            )
+        else:
+            before[*key, number] = one
+    yield from before.values()

@@ -30,6 +30,9 @@ _PATTERNS = (
     re.compile(r"fds|flexor|(?:^|[\W_\d])flex(?:$|[\W_\d])", re.IGNORECASE),
     re.compile(r"edc|extensor|(?:^|[\W_\d])ext(?:$|[\W_\d])", re.IGNORECASE),
 )
+_COUNTER = re.compile(r"(sample|index|counter)(s|[\W_]*(n|no|nr|number|index|counter))?\.?", re.IGNORECASE)
+_RATES_HZ = (100.0, 20e3)  # EMG is sampled within; what a time without a unit has to give as seconds
+_LEAST_COUNTED = 8  # samples; a muscle does not rise as long without falling
 
 _MOST = 1e12  # in any unit; its square is a number
 
@@ -40,28 +43,48 @@ _LEAST_V, _MOST_V, _MOST_AT_SKIN_V = 0.3e-6, 15.0, 20e-3
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user states about the files; None: what each file states."""
+    """What the user states about the files; None: what each file states.
 
-    fs_hz: float | None = None  # Sampling rate
-    fds: str | None = None  # Index or name of the flexor's column
-    edc: str | None = None  # The same of the extensor's; `none`: there is one muscle only
-    unit: str | None = None  # Unit of the samples
+    Attributes:
+        fs_hz: Sampling rate.
+        fds: Index or name of the flexor's column.
+        edc: The same of the extensor's; ``none``: there is one muscle only.
+        unit: Unit of the samples.
+    """
+
+    fs_hz: float | None = None
+    fds: str | None = None
+    edc: str | None = None
+    unit: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Muscles:
-    """The muscles of a file on an even grid, and where each fact about them stands."""
+    """The muscles of a file on an even grid, and where each fact about them stands.
 
-    file: EmgFile  # The file
-    indices: tuple[int, ...]  # Columns of flexor and, if there is one, extensor
-    samples: Float64Array  # Shape (muscles, n), in `unit`; NaN where a sample was lost
-    rate_hz: float  # Sampling rate
-    unit: str  # `V` for any voltage, another unit as it stands, or empty
-    time: str  # The time column; empty if there is none
-    columns_from: str  # How the columns were chosen
-    rate_from: str  # Where the rate stands
-    unit_from: str  # Where the unit stands
-    notes: tuple[str, ...]  # What a reader of the numbers ought to know, of the file and of the choice
+    Attributes:
+        file: The file.
+        indices: Columns of flexor and, if there is one, extensor.
+        samples: Shape (muscles, n), in ``unit``; NaN where a sample was lost.
+        rate_hz: Sampling rate.
+        unit: ``V`` for any voltage, another unit as it stands, or empty.
+        time: The time column; empty if there is none.
+        columns_from: How the columns were chosen.
+        rate_from: Where the rate stands.
+        unit_from: Where the unit stands.
+        notes: What a reader of the numbers ought to know, of the file and of the choice.
+    """
+
+    file: EmgFile
+    indices: tuple[int, ...]
+    samples: Float64Array
+    rate_hz: float
+    unit: str
+    time: str
+    columns_from: str
+    rate_from: str
+    unit_from: str
+    notes: tuple[str, ...]
 
     def phase(self, name: str) -> Float64Array | None:
         """Return the samples of a phase, all its stretches one after another; None if there are none."""
@@ -75,7 +98,11 @@ class Muscles:
 
 
 def read_muscles(path: Path, options: ImportOptions) -> Muscles:
-    """Read the muscles of a recording."""
+    """Read the muscles of a recording.
+
+    Raises:
+        PalpError: The file cannot be read, or does not say what :func:`choose_muscles` needs.
+    """
     return choose_muscles(read_emg(path), options)
 
 
@@ -85,6 +112,10 @@ def choose_muscles(file: EmgFile, options: ImportOptions) -> Muscles:
     A column is chosen by index or by a name that only one has; without a choice it is the one whose name says
     flexor (extensor), or the only signal. The rate is that of the time column, else of a field of the format,
     else the user's.
+
+    Raises:
+        PalpError: The muscles, the rate or the unit is not stated, or stated twice with different values; a
+            time cannot be used; a chosen column has no number; no EMG is as strong or weak as the unit says.
     """
     indices, columns_from = _choose(file, options)
     columns = [_finite(file, index) for index in indices]
@@ -103,7 +134,7 @@ def choose_muscles(file: EmgFile, options: ImportOptions) -> Muscles:
         samples,
         rate_hz,
         unit,
-        ", ".join(dict.fromkeys(file.label(c.column) for c in clocks if c and c.column is not None)),
+        ", ".join(dict.fromkeys(clock.name for clock in clocks if clock and clock.name)),
         columns_from,
         rate_from,
         unit_from,
@@ -115,6 +146,9 @@ def strength(samples: Float64Array) -> Float64Array:
     """Return how strong EMG is: what 95 % of its steps from sample to sample stay below, shape (...).
 
     Steps do not see an electrode's offset and its drift; NaN where no two samples are finite.
+
+    Args:
+        samples: Raw EMG, shape (..., n).
     """
     steps = np.abs(np.diff(samples))
     there = np.isfinite(steps).any(axis=-1)
@@ -201,55 +235,74 @@ def _may_be_emg(column: Column) -> bool:
 
 
 def _times(file: EmgFile) -> list[int]:
-    """Return the columns that are times."""
-    return [
+    """Return the columns that are times or count samples: clocks first."""
+    clocks = [
         i for i, one in enumerate(file.columns) if one.unit in SECONDS or (not one.unit and is_time(one.name))
     ]
+    counters = [i for i, one in enumerate(file.columns) if not one.unit and _COUNTER.fullmatch(one.name)]
+    first = file.columns[0]
+    if (
+        not clocks
+        and not counters
+        and len(file.columns) > 1
+        and not first.unit
+        and first.samples.size >= _LEAST_COUNTED
+    ):
+        with np.errstate(invalid="ignore"):
+            counters = [0] if (np.diff(first.samples) > 0.0).all() else []
+    return [*clocks, *(i for i in counters if i not in clocks)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Clock:
-    """The time of a muscle: what errors call it, its timing, and the rate that it gives."""
+    """The time of a muscle: label of its column, timing, unit if stated, and whether it counts samples."""
 
-    where: str
+    name: str
     timing: Timing
-    rate_hz: float
-    column: int | None  # Index of its column; None: the format has a clock of its own
+    unit_s: float | None
+    counts: bool
 
 
 def _clock(file: EmgFile, index: int) -> _Clock | None:
     """Return the time of a muscle: the format's, else the nearest time column on its left, else the first."""
-    column, at, unit_s, where = file.columns[index], None, 1.0, "its time stamps"
-    whose, times_s = f"of {column.name}", column.times_s
+    column = file.columns[index]
+    times_s, name, counts = column.times_s, "", False
+    unit_s: float | None = 1.0
     if times_s is None:
         fits = [i for i in _times(file) if file.columns[i].samples.size == column.samples.size]
-        if not fits:
+        clocks = [i for i in fits if not _COUNTER.fullmatch(file.columns[i].name)] or fits
+        if not clocks:
             return None
-        at = max((i for i in fits if i < index), default=fits[0])
-        times_s, unit = file.columns[at].samples, file.columns[at].unit
-        where, whose = f"the time column {file.label(at)}", f"in column {file.label(at)}"
-        where += "" if unit else ", in seconds as it states no unit,"
-        unit_s = SECONDS.get(unit, 1.0)
+        at = max((i for i in clocks if i < index), default=clocks[0])
+        times_s, name = file.columns[at].samples, file.label(at)
+        unit_s = SECONDS.get(file.columns[at].unit)
+        counts = _COUNTER.fullmatch(file.columns[at].name) is not None
     there = np.flatnonzero(np.isfinite(times_s) | np.isfinite(column.samples))
     try:
         timing = time_samples(times_s[: int(there[-1]) + 1])
     except TimeFault as fault:
+        whose = f"in column {name}" if name else f"of {column.name}"
         raise PalpError(
             f"{file.path}: {file.place(fault.sample)}: the time {whose} {fault}; correct it, or split there"
         ) from fault
-    return _Clock(where, timing, round(timing.rate / unit_s, 3), at)
+    return _Clock(name, timing, unit_s, counts)
 
 
 def _rate(
     file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock | None], fs_hz: float | None
 ) -> tuple[float, str]:
     """Return the rate and where it stands; all statements of it must agree."""
-    known = [clock for clock in clocks if clock is not None]
-    timed = [(one.where, one.rate_hz, one.timing.doubt) for one in known if one.column is not None]
     fields = [(file.rate_from, one.rate_hz, 0.0) for one in columns if one.rate_hz is not None]
-    stated = [("--fs", fs_hz, 0.0)] if fs_hz is not None else []
-    own = [(one.where, one.rate_hz, one.timing.doubt) for one in known if one.column is None]
-    claims = [*timed, *fields, *stated, *own]
+    fields += [("--fs", fs_hz, 0.0)] if fs_hz is not None else []
+    own: list[tuple[str, float, float]] = []
+    timed: list[tuple[str, float, float]] = []
+    for clock in clocks:
+        if clock is None:
+            continue
+        claim = _claim(clock, [hz for _, hz, _ in fields])
+        if claim is not None:
+            (timed if clock.name else own).append((*claim, clock.timing.doubt))
+    claims = [*timed, *fields, *own]
     if not claims:
         hints = "".join(f"; {hint}" for hint in file.hints)
         raise PalpError(
@@ -262,6 +315,28 @@ def _rate(
                 f"{file.path}: {where} gives {rate_hz:.6g} Hz, but {other} {hz:.6g} Hz; correct one"
             )
     return rate_hz, where
+
+
+def _claim(clock: _Clock, known_hz: Sequence[float]) -> tuple[str, float] | None:
+    """Return what a time says of the rate; None if it says nothing.
+
+    A time without a unit is in the unit that fits the rate that is stated elsewhere; else in seconds, if that
+    can be the rate of EMG. One that counts samples says nothing.
+    """
+    rate, name = clock.timing.rate, f"the time column {clock.name}" if clock.name else "its time stamps"
+    if clock.counts:
+        return None
+    if clock.unit_s is not None:
+        return name, round(rate / clock.unit_s, 3)
+    for known in known_hz:
+        for unit_s in SECONDS.values():
+            if abs(rate / unit_s / known - 1.0) <= max(RATES_ALIKE, clock.timing.doubt):
+                return name, round(rate / unit_s, 3)
+    if rate == 1.0:
+        return None
+    if known_hz or _RATES_HZ[0] <= rate <= _RATES_HZ[1]:
+        return f"{name}, in seconds as it states no unit,", round(rate, 3)
+    return None
 
 
 def _on_grid(file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock | None]) -> Float64Array:
