@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from docs.site.dictionary_page import dictionary_page
 from docs.site.launch_page import launch_page
 from docs.site.promises_page import promises_page
 from docs.site.scene_page import scene_page
@@ -14,5 +15,6 @@ MADE = {
     "reference/python_units.md": units_page,
     "reference/device_promises.md": promises_page,
     "reference/verbs.md": verbs_page,
+    "reference/data_dictionary.md": dictionary_page,
 }
 """Their functions, by their place below ``docs/``."""

@@ -17,6 +17,7 @@ import pytest
 from scipy.io import loadmat
 from typer.testing import CliRunner
 
+from docs.site.dictionary_page import dictionary_page
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.palpation.export.export import FORMS, Form, default_out, write_export
@@ -24,7 +25,6 @@ from palp_core.palpation.export.source import ExportSource, read_source
 from palp_core.palpation.export.tables import (
     ExportColumn,
     ExportTable,
-    as_markdown,
     columns_of,
     dictionary,
     emg_table,
@@ -223,14 +223,18 @@ def test_names_of_columns_are_names_everywhere() -> None:
             assert bool(one.unit) is (one.kind in ("integer", "number"))
 
 
-def test_the_dictionary_of_the_documentation_is_that_of_the_code() -> None:
-    assert as_markdown() in (ROOT / "docs" / "sessions.md").read_text(encoding="utf-8")
+def test_the_page_of_the_dictionary_has_every_table_and_column() -> None:
+    sections = dict(part.split("\n", 1) for part in dictionary_page().split("\n## ")[1:])
+    assert list(sections) == list(dictionary())
+    for table, columns in dictionary().items():
+        rows = [line.split(" | ")[0].strip("| ") for line in sections[table].splitlines()[3:]]
+        assert rows == [f"`{one.name}`" for one in columns]
 
 
 def test_the_script_of_the_documentation_opens_the_mat_file(
     source: ExportSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (ROOT / "docs" / "sessions.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "how_to" / "sessions.md").read_text(encoding="utf-8")
     script = next(part.partition("```")[0] for part in text.split("```python\n")[1:] if "loadmat" in part)
     assert len(script.strip().splitlines()) <= 5
     write_export(source, "mat", tmp_path / "S01.mat")

@@ -92,15 +92,6 @@ def class_name(depth_m: float) -> str:
     return f"{1e3 * depth_m:g}mm".replace(".", "p").replace("-", "m").replace("+", "")
 
 
-def as_markdown() -> str:
-    parts = []
-    for name, columns in dictionary().items():
-        lines = [f"| `{one.name}` | {one.kind} | {one.unit} | {one.meaning} |" for one in columns]
-        head = [f"#### `{name}`", "", "| column | kind | unit | meaning |", "|---|---|---|---|"]
-        parts.append("\n".join([*head, *lines, ""]))
-    return "\n".join(parts)
-
-
 def table_of(
     name: str,
     records: Sequence[Mapping[str, Any]] = (),
