@@ -140,7 +140,7 @@ def test_the_picture_of_the_architecture_is_the_graph_of_the_simulated_rig(
     text = ARCHITECTURE.read_text(encoding="utf-8")
     pictures = re.findall(r"^```mermaid\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
     assert mermaid(graphs["launch/sim.yaml"]) in pictures, (
-        "docs/architecture.md needs a ```mermaid block with the output of 'palp graph draw launch/sim.yaml'"
+        f"{name_of(ARCHITECTURE)} needs a ```mermaid block of 'palp graph draw launch/sim.yaml'"
     )
 
 
@@ -271,7 +271,7 @@ def test_what_a_text_names_is_there() -> None:
         assert unknown == set(), page
 
 
-ARCHITECTURE = ROOT / "docs" / "architecture.md"
+ARCHITECTURE = ROOT / "docs" / "contribute" / "architecture.md"
 SYMBOLS = ROOT / "docs" / "reference" / "symbols.md"
 TABLE_2 = (
     *("s_i^max", "i", "s_i", "s_i^N", "s_CC^max", "s_CC", "s_CC^N", "d", "S", "t", "P_{S,t}", "M_mk", "σ_S"),
