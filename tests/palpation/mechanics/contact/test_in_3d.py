@@ -1,7 +1,7 @@
 """Rungs L2 and L4, beside the bead too, against small-strain finite elements in three dimensions.
 
 ``python -m benchmarks.solids_3d.small_strain FILE`` makes the file of numbers; the table in
-``docs/mechanics.md`` is what ``python -m benchmarks.solids_3d.against`` prints of it.
+``docs/results/mechanics.md`` is what ``python -m benchmarks.solids_3d.against`` prints of it.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ from palp_core.palpation.studies.stability.study import markdown, overview
 STAGE_M = np.linspace(-0.03, 0.05, 41)
 
 
-DOCS = Path(__file__).parents[4] / "docs" / "mechanics.md"
+DOCS = Path(__file__).parents[4] / "docs" / "explanation" / "mechanics.md"
 
 
 @pytest.fixture(scope="module")

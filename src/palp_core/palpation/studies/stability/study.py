@@ -53,7 +53,7 @@ def run(out: Path, *, quick: bool = False) -> Path:
 
 
 def markdown(cases: Sequence[Case]) -> str:
-    """Return the table of ``docs/mechanics.md``, a row per case."""
+    """Return the table of ``docs/explanation/mechanics.md``, a row per case."""
     lines = [_HEAD, ("---",) * len(_HEAD), *(case.row for case in cases)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
