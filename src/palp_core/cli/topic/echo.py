@@ -46,10 +46,10 @@ def echo(
     ] = False,
     no_lost_messages: Annotated[bool, option("Do not report lost messages.", "--no-lost-messages")] = False,
     qos_reliability: Annotated[
-        Literal["best_effort", "reliable"] | None, option("Default: as the publisher offers.")
+        Literal["best_effort", "reliable"] | None, option("Default: best_effort.")
     ] = None,
     qos_durability: Annotated[
-        Literal["volatile", "transient_local"] | None, option("Default: as the publisher offers.")
+        Literal["volatile", "transient_local"] | None, option("Default: volatile, nothing from before.")
     ] = None,
     qos_depth: Annotated[int | None, option("Messages from before that come first.", min=1)] = None,
 ) -> None:

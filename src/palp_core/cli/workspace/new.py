@@ -123,7 +123,7 @@ def driver(
     if kind == "stage":
         print_text(
             f"in the rig, with what stops it: palp launch rig:rig.yaml stage_device:={run} "
-            "safety:stop_link:=none 'safety:options:={}' 'stage:options:={}'"
+            "safety.stop_link:=none 'safety.options:={}' 'stage.options:={}'"
         )
 
 
