@@ -1,7 +1,7 @@
 """Every fault of every device: what it is named, within what time, and what leads out of it.
 
 The tests of drivers and nodes run over these rows, the benchmark measures them, and the table in
-``docs/devices.md`` is made of them: ``python -m benchmarks.rig_bench.faults`` prints it.
+``docs/reference/faults.md`` is made of them: ``python -m benchmarks.rig_bench.faults`` prints it.
 """
 
 from __future__ import annotations

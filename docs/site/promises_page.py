@@ -7,7 +7,8 @@ from palp_core.palpation.devices.contract import PROMISES
 _HEAD = """# What a driver promises
 
 `palp devices contract MODULE:CLASS` checks these promises on your driver and reports which one is broken,
-and how. To write a driver, see [devices](../devices.md).
+and how. To write a driver, see [a driver](../how_to/driver.md). For what its methods take and return, see
+[the protocols](python_rig.md#devices).
 
 | device | promise | meaning |
 |---|---|---|

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Condition(StrEnum):
-    """Named states of a device and its link; the table in ``docs/devices.md`` says what leads out of each."""
+    """Named states of a device and its link; ``docs/reference/faults.md`` has the way out of each."""
 
     OK = "ok"
     CLOSED = "closed"

@@ -113,8 +113,8 @@ def open_stage(rig: EmulatedRig) -> AerotechStage:
 
 
 def test_the_documentation_has_the_table_of_the_faults_that_are_tested() -> None:
-    said = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
-    assert table() in said, "docs/devices.md needs the output of 'python -m benchmarks.rig_bench.faults'"
+    said = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
+    assert table() in said, "faults.md needs the output of 'python -m benchmarks.rig_bench.faults'"
 
 
 def test_every_fault_of_every_emulated_device_has_a_row() -> None:
