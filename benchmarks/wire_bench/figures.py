@@ -87,8 +87,8 @@ class Results:
                     if theirs:
                         ratios = [] if contender == PALP else over(mine, theirs)
                         yield measure, figure, contender, theirs, ratios
-                trip = self._values(PALP, "trip", figure)
-                if measure == "call" and trip:
+                trip = self._values(PALP, "trip", figure) if measure == "call" else []
+                if trip:
                     yield measure, figure, OWN_TRIP, trip, over(mine, trip)
 
     def _values(self, contender: str, measure: str, figure: str) -> list[float]:
