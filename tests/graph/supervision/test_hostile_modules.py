@@ -52,11 +52,22 @@ LOOPS = {
         "while True: pass",
         "nodes/odd.py:",
     ),
+    "has begun a line": ("print('at it: ', end='', flush=True)\nwhile True: pass", "nodes/odd.py:2: "),
+    "has another sys.stderr": (
+        "import io, os, sys\nsys.stderr = io.StringIO()\nos.dup2(os.open(os.devnull, os.O_WRONLY), 2)\n"
+        "import shelve\nwhile True: pass",
+        "nodes/odd.py:5: ",
+    ),
+    "has ended its watch": (
+        "import faulthandler\nfaulthandler.cancel_dump_traceback_later()\nwhile True: pass",
+        "importing this",
+    ),
 }
+CHEAP = ("works", "is stopped", "has begun a line")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == "works" else pytest.mark.nightly) for name in LOOPS]
+    "name", [pytest.param(name, marks=[] if name in CHEAP else pytest.mark.nightly) for name in LOOPS]
 )
 def test_a_module_whose_import_has_no_end_is_named_and_its_process_killed(
     server: ForkServer, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch

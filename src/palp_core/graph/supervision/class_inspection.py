@@ -37,7 +37,7 @@ OUTPUT_BYTES = 1 << 16
 """What is kept of the end of its output."""
 NOT_STARTED = 256
 """Added to the error's number it is the status: no process ends with one as high."""
-_TIMEOUT = re.compile(r"^Timeout \([\d:.]+\)!$", re.MULTILINE)
+_TIMEOUT = re.compile(r"Timeout \([\d:.]+\)!$", re.MULTILINE)  # behind a line that was not ended, too
 _TRACE = re.compile(
     rf"(?:Fatal Python error|{_TIMEOUT.pattern}).*?most recent call first", re.DOTALL | re.MULTILINE
 )
@@ -74,6 +74,7 @@ class Inspection:
 
     Attributes:
         pid: Its process id; 0 before it has begun.
+        killed: It was silent for too long, and did not end itself.
     """
 
     def __init__(self) -> None:
@@ -81,6 +82,7 @@ class Inspection:
         self.answers: list[NodeClass] = []
         self.status: int | None = None
         self.output = ""
+        self.killed = False
 
     def add(self, message: Inspected) -> None:
         if message.pid == self.pid:
@@ -107,7 +109,7 @@ class Inspection:
 
     @property
     def timed_out(self) -> bool:
-        return _TIMEOUT.search(self.output) is not None
+        return self.killed or _TIMEOUT.search(self.output) is not None
 
     def _frames(self) -> list[tuple[str, str]]:
         """Return file and line of each call, if it crashed or its time was over."""
@@ -147,13 +149,14 @@ class _ImportWatch:
         self._request, self._send = request, send
         self._seen = set[str]()
         self._renewed_ns = 0
+        self._output = os.dup(2)  # the module may put something else in the place of sys.stderr
 
     def renew(self) -> None:
         """Let the process end itself, with a back-trace, when nothing more happens."""
         now_ns, timeout_s = monotonic_ns(), self._request.timeout_s
         if now_ns - self._renewed_ns > timeout_s * 1e8:  # a tenth of it; each renewal costs a thread
             self._renewed_ns = now_ns
-            faulthandler.dump_traceback_later(timeout_s, exit=True)
+            faulthandler.dump_traceback_later(timeout_s, exit=True, file=self._output)
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
         """Take note of a module, and leave the search to others."""

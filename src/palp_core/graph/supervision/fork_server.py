@@ -181,11 +181,15 @@ class ForkServer:
         return found
 
     def _finish(self, inspection: Inspection) -> None:
-        """Wait for the end of an inspecting child; one that has stopped itself is continued."""
+        """Wait for the end of an inspecting child: a silent one is continued twice, then killed."""
+        silent_count = 0
         while True:
             if not self._readable(class_inspection.IMPORT_TIMEOUT_S):
-                self.signal(inspection.pid, signal.SIGCONT)
+                silent_count += 1
+                inspection.killed = silent_count > 2  # by then its own watch would have ended it
+                self.signal(inspection.pid, signal.SIGKILL if inspection.killed else signal.SIGCONT)
                 continue
+            silent_count = 0
             for event in self.read_events():
                 if isinstance(event, Started):
                     inspection.pid = event.pid

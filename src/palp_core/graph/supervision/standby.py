@@ -54,7 +54,7 @@ class Standbys:
         self._server, self._channels, self._launcher = server, channels, launcher
         self._count = 0
         self._all: dict[int, Standby] = {}
-        self._inspection = Inspection()
+        self._inspection, self._import_timeout_s = Inspection(), 0.0
 
     def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Standby:
         """Start a process beside the one that has the node's part."""
@@ -65,10 +65,10 @@ class Standbys:
         self._launcher.spawn(process, successor=True, fresh=fresh)
         return standby
 
-    def inspect(self, requests: Sequence[NodeClassRequest], workspace: Path) -> None:
+    def inspect(self, requests: Sequence[NodeClassRequest], workspace: Path, timeout_s: float) -> None:
         """Let a child inspect node classes; :attr:`inspected` is set when it has ended."""
-        self._inspection = Inspection()
-        self._server.send(InspectClasses(list(requests), str(workspace)))
+        self._inspection, self._import_timeout_s = Inspection(), timeout_s
+        self._server.send(InspectClasses(list(requests), str(workspace), timeout_s=timeout_s))
 
     @property
     def inspected(self) -> list[NodeClass] | None:
@@ -76,7 +76,9 @@ class Standbys:
         inspection = self._inspection
         if inspection.status is None:
             return None
-        return inspection.answers or [NodeClass(run="", error=inspection.describe_crash())]
+        late = f"it could not be imported within {self._import_timeout_s:g} s"
+        error = late if inspection.timed_out else inspection.describe_crash()
+        return inspection.answers or [NodeClass(run="", error=error)]
 
     def kill_inspector(self) -> None:
         """Wait for the child no longer, and end it."""
