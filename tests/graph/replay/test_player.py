@@ -90,6 +90,29 @@ def test_a_player_sends_the_recorded_bytes_at_the_recorded_times(bag: Path) -> N
     assert {f"{frame.type_hash:016x}" for _, frame in sent} == {recorded[0].stream.topic.type_hash}
 
 
+def test_a_player_waits_for_room_before_each_message_that_a_reader_of_everything_needs(bag: Path) -> None:
+    clock, frames = SimClock(), list[bytes]()
+    executor = Executor(
+        Player, NodeSpec(name="torque", run="", params={"bag": str(bag)}), clock, frames.append
+    )
+    executor.transition(Transition.CONFIGURE)
+    executor.transition(Transition.ACTIVATE)
+    out = executor.ends.publishers["/torque/block"]
+    published, waits = out.sequence, list[int]()
+
+    def make_room() -> None:
+        waits.append(out.sequence)
+        out.room += 1
+
+    out.room, out.wait_for_room = published, make_room
+    clock.set(20_000_000)
+    for _ in range(20):
+        executor.run_timers()
+    assert out.sequence > published + 10
+    assert waits == list(range(published, out.sequence))
+    executor.transition(Transition.SHUTDOWN)
+
+
 def test_a_player_counts_from_the_first_message_of_the_whole_bag(bag: Path) -> None:
     sent = drive(
         NodeSpec(name="policy", run="", params={"bag": str(bag), "rate": 0.5, "start_offset_s": 0.05})

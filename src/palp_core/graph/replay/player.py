@@ -237,8 +237,10 @@ class Player(Node):
                 late = self.now_ns() > due_ns  # as always on the wall clock and never in lockstep
                 self.next_message_is_due.set(self.now_ns() + (ROUND_GAP_NS if late else 0))
                 return
-            self.state.played_count += 1
             publisher: PublisherEnd[Any] = getattr(self, self._ports[message.stream.topic.name])
+            if publisher.sequence >= publisher.room:
+                publisher.wait_for_room()
+            self.state.played_count += 1
             publisher.forward(message.payload)
             self._next = next(self._messages, None)
         end_ns = self._due_ns(self._last_ns) + round(self.params.hold_s * 1e9)
