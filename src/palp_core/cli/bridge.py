@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Annotated
 
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.options import GraphOption, argument, option, until_ctrl_c
+from palp_core.cli.options import TERMINATED, GraphOption, argument, option, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph, note_ended
 from palp_core.counted import counted
@@ -75,9 +75,6 @@ def foxglove(
             while not server.ended:
                 server.turn()
         note_ended(running)
-
-
-TERMINATED = 143
 
 
 def ros2(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
 INTERRUPTED = 130
+TERMINATED = 143
 
 
 def option(text: str, *names: str, **settings: Any) -> Any:

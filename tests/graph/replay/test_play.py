@@ -203,9 +203,9 @@ def test_keys_pause_and_change_the_speed(palp: Palp, recorded: tuple[Path, Path]
             process.stdout.close()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_loop_goes_on_until_it_is_asked_to_end_and_says_what_it_has_played(
-    palp: Palp, recorded: tuple[Path, Path], number: signal.Signals
+    palp: Palp, recorded: tuple[Path, Path], number: signal.Signals, status: int
 ) -> None:
     bag, _ = recorded
     process = palp.start("bag", "play", bag, "-l", "-w", "1", "-r", "5", "-t", "/source/sample", "--json")
@@ -213,7 +213,7 @@ def test_a_loop_goes_on_until_it_is_asked_to_end_and_says_what_it_has_played(
     with hearing(record, "/source/sample") as heard:
         frames = heard(2 * COUNT + 5)
     process.send_signal(number)
-    assert process.wait(PATIENCE_S) == 130
+    assert process.wait(PATIENCE_S) == status
     assert process.stdout is not None
     account = json.loads(process.stdout.read())
     assert account["interrupted"] is True

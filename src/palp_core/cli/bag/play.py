@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli.keyboard import Keyboard, attended, standard_input
-from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption, argument, option
+from palp_core.cli.options import (
+    INTERRUPTED,
+    TERMINATED,
+    ExcludeRegexOption,
+    GraphOption,
+    RegexOption,
+    argument,
+    option,
+)
 from palp_core.cli.output import note, show
 from palp_core.cli.running import find_graph
 from palp_core.counted import counted
@@ -74,7 +82,7 @@ def play(
             "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
         )
     check_topics(topics or (), bag)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends as on Ctrl-C
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # all is put in order, as on Ctrl-C
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(Bag(bag))
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
@@ -105,20 +113,22 @@ def play(
             playback.send = partial(publish_into, running, described)
         where = "as graph 'play'" if graph is None else f"into graph '{graph}'"
         note(f"{bag}: {counted(len(names), 'topic')}, {where}")
-        interrupted = False
+        status = 0
         try:
             loop_ = PlayLoop(playback, run, keys=not disable_keyboard_controls)
             loop_.run(delay_s=delay, readers=wait_matching)
         except KeyboardInterrupt:
-            interrupted = True
+            status = INTERRUPTED
+        except SystemExit:
+            status = TERMINATED
     max_s, p99_s = playback.lateness.max_ns / 1e9, playback.lateness.percentile_s(99)
     account: dict[str, float] = {"messages": playback.played_count, "topics": len(names)}
     played = f"{counted(playback.played_count, 'message')} of {counted(len(names), 'topic')}"
     lateness = f"never more than {max_s * 1e3:.3f} ms late, 99 % within {p99_s * 1e3:.3f} ms"
-    account |= {"late_max_s": max_s, "late_p99_s": p99_s, "interrupted": interrupted}
+    account |= {"late_max_s": max_s, "late_p99_s": p99_s, "interrupted": status != 0}
     show(account, [f"{bag}: played {played}; {lateness}"], as_json=as_json)
-    if interrupted:
-        raise typer.Exit(INTERRUPTED)
+    if status:
+        raise typer.Exit(status)
 
 
 def check_topics(topics: Collection[str], *bags: Path) -> None:
