@@ -32,9 +32,11 @@ from palp_core.whole_file import read_whole, write_whole
 Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 RESUMES = "the run goes on, and could be resumed where the last one was written"
 _LOG = logging.getLogger("palp.supervisor")
-_MAGIC = b"palp checkpoint 1\n"
+_MAGIC = b"palp checkpoint 2\n"
 _DIGEST_BYTES = 32
 _ELSEWHERE = "or begin anew, in another place"
+_MISSING = object()
+_PALP_CORE = "palp_core"
 
 
 def facts_of(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, Any]:
@@ -57,11 +59,17 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return which facts are not as they were; where arguments differ, nodes do for that."""
     found = {}
     for name in dict.fromkeys((*before, *now)):
-        old, new = before.get(name), now.get(name)
+        old, new = before.get(name, _MISSING), now.get(name, _MISSING)
+        if old == new:
+            continue
         if isinstance(old, dict) and isinstance(new, dict):
-            if keys := sorted(key for key in {*old, *new} if old.get(key) != new.get(key)):
-                found[name] = f"{name} differs in {', '.join(keys)}"
-        elif old != new:
+            keys = (key for key in {*old, *new} if old.get(key, _MISSING) != new.get(key, _MISSING))
+            found[name] = f"{name} differs in {', '.join(sorted(keys))}"
+        elif name.startswith("node "):
+            found[name] = f"the launch file has {'a' if old is _MISSING else 'no'} {name}"
+        elif name.startswith("file ") or name == _PALP_CORE:
+            found[name] = f"{name} has changed"
+        else:
             found[name] = f"{name} was {_shown(old)}, and is {_shown(new)}"
     is_given = any(name.startswith(("the ", "argument ")) for name in found)
     return [text for name, text in found.items() if not (is_given and name.startswith("node "))]
@@ -299,7 +307,7 @@ class CheckpointWriter:
 
 
 def _shown(value: Any) -> str:
-    if value is None:
+    if value is _MISSING:
         return "not there"
     return str(value).lower() if isinstance(value, bool) else f"'{value}'" if value == "" else str(value)
 
@@ -325,7 +333,7 @@ def _sources(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, str]:
         for path in sorted(files)
         if path not in own
     }
-    return {**digests, "palp_core": _digest(own)}
+    return {**digests, _PALP_CORE: _digest(own)}
 
 
 def _digest(files: list[Path]) -> str:
