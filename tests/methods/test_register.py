@@ -175,6 +175,8 @@ def test_a_name_is_taken_once_and_a_task_is_one_thing() -> None:
     declared("fine", 2.0)
     with pytest.raises(MethodError, match="'fine' of task 'sharpen' is declared twice, first in tests"):
         method(task=TASK, name="fine", cost_s=1.0, evidence="here")(str)
+    with pytest.raises(MethodError, match=r"task 'sharpen' has methods \(fine\), but no declaration"):
+        register.task(TASK)
     declare_task(TASK, "How?", per="a knife", output="edge", tolerance=0.1)
     declare_task(TASK, "How?", per="a knife", output="edge", tolerance=0.1)
     with pytest.raises(MethodError, match="task 'sharpen' is declared twice"):

@@ -186,6 +186,11 @@ def tasks() -> list[Task]:
 def task(name: str) -> Task:
     """Return a task by name; the error lists those there are."""
     _load(name)
+    if name not in _TASKS and (left := names(name)):
+        raise MethodError(
+            f"task '{name}' has methods ({', '.join(left)}), but no declaration; "
+            f"call declare_task('{name}', ...) beside them"
+        )
     if name not in _TASKS:
         raise MethodError(f"no task '{name}'; there are {', '.join(task.name for task in tasks())}")
     return _TASKS[name]

@@ -177,13 +177,14 @@ def fit_policy(
     from palp_core.palpation.identification.emg import markov_fit
     from palp_core.palpation.identification.emg.muscles import ImportOptions
 
+    chosen = emg_settings(settings)
     if out is not None:
         make_folder(out)
     found = markov_fit.fit(
         [markov_fit.source_of(word) for word in files],
         mvc,
         ImportOptions(fs, fds, edc, unit),
-        emg_settings(settings),
+        chosen,
         np.random.default_rng(seed),
         prior_count=prior,
         mass=mass,
