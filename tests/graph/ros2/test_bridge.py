@@ -15,7 +15,6 @@ from typing import Any
 
 import pytest
 
-from palp_core.graph.ros2.parameters import _ros_value
 from tests.support.hosts import Host, joining, own_host, trusting
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
@@ -281,23 +280,3 @@ def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_acro
     assert "/asker/told -> /told: 2 crossed, 0 lost" in out
     assert "no node of ROS 2 serves /switch" in err
     assert graph.poll() is None
-
-
-@pytest.mark.parametrize(
-    ("value", "field", "expected"),
-    [
-        (None, "type", 0),
-        (True, "bool_value", True),
-        (3, "integer_value", 3),
-        (2.5, "double_value", 2.5),
-        ("a", "string_value", "a"),
-        ([1, 2.5], "double_array_value", [1.0, 2.5]),
-        ([1, 2], "integer_array_value", [1, 2]),
-        (["a"], "string_array_value", ["a"]),
-        ({"a": 1}, "string_value", '{"a": 1}'),
-        ([{"a": 1}], "string_value", '[{"a": 1}]'),
-    ],
-)
-def test_a_parameter_has_ros_2s_type_or_is_json(value: Any, field: str, expected: Any) -> None:
-    found = getattr(_ros_value(value), field)
-    assert (list(found) if isinstance(expected, list) else found) == expected

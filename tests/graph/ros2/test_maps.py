@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import msgspec
@@ -24,8 +26,9 @@ from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.problems import Problems
 from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map, share_parameters
 from palp_core.graph.ros2.message_types import known_types, message_type
+from palp_core.graph.ros2.parameters import _ros_value
 from palp_core.graph.ros2.plan import Joining, outlets_of
-from tests.support.palp import ROOT, Palp
+from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 HEAD = '''\
 """A map."""
@@ -234,6 +237,7 @@ class Running:
     """A graph with the node ``sensor``, which answers for itself."""
 
     def __init__(self, types: dict[str, type[Message]], *, moves: bool = False) -> None:
+        self.before_answer: Callable[[], object] = lambda: None
         hashes = {name: {"type_hash": schema_of(kind).hash_text} for name, kind in types.items()}
         self._replies: dict[str, dict[str, Any]] = {
             "info": {"external": ["load"], "services": {"tare": ["Tare", "Load"]}},
@@ -251,6 +255,7 @@ class Running:
         )
 
     def _ask(self, _endpoint: str, request: dict[str, Any], _timeout_s: float) -> dict[str, Any]:
+        self.before_answer()
         return self._replies[request["op"]]
 
 
@@ -326,10 +331,43 @@ def test_entries_of_nodes_that_may_join_cross_once_they_have(
     assert [one.entry.palp for one in made.plan(problems)] == now
     assert [one.palp for one in made.awaited] == awaited
     assert len(problems) == mistakes
-    reported: list[str] = []
-    assert made.plan_joined(reported.append) == []
+
+
+def test_while_a_node_that_joins_hangs_the_rest_goes_on(tmp_path: Path) -> None:
+    classes = {kind.__name__: kind for entry in read(tmp_path).values() for kind in entry.messages}
+    running = Running({name: classes[name] for name in ("Block", "Tare", "Load")})
+    graph, answers, reported = running.graph, Event(), list[str]()
+    graph.record = msgspec.structs.replace(graph.record, listen="tcp://home")
+    made = Joining(graph, [share_parameters()])
+    assert [one.entry.palp for one in made.plan(Problems())] == ["/sensor"]
     guest = NodeEntry("guest", "", 0, "", "ipc:///run/guest")
     graph.record = msgspec.structs.replace(graph.record, nodes=[*graph.record.nodes, guest])
-    made._look_ns = 0
-    assert [one.entry.palp for one in made.plan_joined(reported.append)] == awaited
+    running.before_answer = lambda: answers.wait(PATIENCE_S)
+    for _ in range(3):  # it is asked, and hangs
+        assert made.plan_joined(reported.append) == []
+    answers.set()
+    assert made._asked is not None
+    made._asked.result(PATIENCE_S)
+    assert [one.entry.palp for one in made.plan_joined(reported.append)] == ["/guest"]
     assert (made.plan_joined(reported.append), reported) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("value", "field", "expected"),
+    [
+        (None, "type", 0),
+        (True, "bool_value", True),
+        (3, "integer_value", 3),
+        (2.5, "double_value", 2.5),
+        ("a", "string_value", "a"),
+        ([1, 2.5], "double_array_value", [1.0, 2.5]),
+        ([1, 2], "integer_array_value", [1, 2]),
+        (["a"], "string_array_value", ["a"]),
+        ({"a": 1}, "string_value", '{"a": 1}'),
+        ([{"a": 1}], "string_value", '[{"a": 1}]'),
+    ],
+)
+def test_a_parameter_has_ros_2s_type_or_is_json(value: Any, field: str, expected: Any) -> None:
+    pytest.importorskip("rclpy", exc_type=ImportError)
+    found = getattr(_ros_value(value), field)
+    assert (list(found) if isinstance(expected, list) else found) == expected

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -112,6 +113,8 @@ class Joining:
         self.awaited = list(entries)
         self._known: set[str] = set()
         self._look_ns = 0
+        self._pool = ThreadPoolExecutor(1)  # a node that hangs is waited for, for some seconds
+        self._asked: Future[Ports] | None = None
 
     def plan(self, problems: Problems, ports: Ports | None = None) -> list[Crossing]:
         """Return what of the map crosses from now on, too; mistakes go to ``problems``.
@@ -131,15 +134,18 @@ class Joining:
         return fresh
 
     def plan_joined(self, report: Callable[[str], None]) -> list[Crossing]:
-        """Return what crosses since nodes have joined; one that hangs is waited for, for some seconds."""
-        now_ns = monotonic_ns()
-        if not self.awaited or now_ns < self._look_ns:
+        """Return what crosses since nodes have joined, once they have answered; never wait for a node."""
+        if self._asked is None:
+            now_ns = monotonic_ns()
+            if self.awaited and now_ns >= self._look_ns:
+                self._look_ns = now_ns + LOOK_NS
+                if not self._known.issuperset(node.name for node in self._graph.refresh().nodes):
+                    self._asked = self._pool.submit(ask_ports, self._graph)
             return []
-        self._look_ns = now_ns + LOOK_NS
-        if self._known.issuperset(node.name for node in self._graph.refresh().nodes):
+        if not self._asked.done():
             return []
-        problems = Problems()
-        found = self.plan(problems)
+        problems, ports, self._asked = Problems(), self._asked.result(), None
+        found = self.plan(problems, ports)
         for problem in problems.listed():
             report(str(problem))
         return found
