@@ -25,6 +25,7 @@ COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
     (("graph", "show", CHAIN, "sorce.rate_hz:=1.0"), 2, ("no node 'sorce' on the", "did you mean 'source'?")),
     (("launch", CHAIN, "cuont:=5"), 2, ("no argument 'cuont'", "did you mean 'count'?")),
     (("launch", CHAIN, "--operate"), 2, ("give both",)),
+    (("launch", CHAIN, "resume:=true"), 2, ("cannot resume",)),
     (("launch", "gone.yaml", "--check"), 2, ("gone.", "in {here}")),
     (("scene", "explain", "gone.yaml"), 2, ("gone.", "in {here}")),
     (("emg", "analyse", "gone.csv"), 2, ("gone.", "in {here}")),

@@ -160,6 +160,18 @@ def test_a_crc_of_0_is_a_crc_in_a_bag_of_ours_and_none_in_anothers(tmp_path: Pat
     assert "they may be wrong" in report.text()
 
 
+def test_an_unclosed_file_reads_to_its_end_and_says_so(tmp_path: Path, bag: Path) -> None:
+    with Bag(bag) as opened:
+        chunks = opened.files[0].chunks
+        kept = [message for place in chunks[:2] for message in opened.files[0].read_chunk(place)]
+    path = tmp_path / "open.mcap"
+    path.write_bytes((bag / "run_0.mcap").read_bytes()[: chunks[2].offset])
+    assert len(list(read(path, ["/torque/block"]))) == len(kept) - 1
+    info = bag_info(path)
+    assert not info.healthy
+    assert "it was not closed" in info.problems[0]
+
+
 def test_a_damaged_chunk_stops_reading_after_what_is_intact(tmp_path: Path, bag: Path) -> None:
     data = bytearray((bag / "run_0.mcap").read_bytes())
     with Bag(bag) as opened:
