@@ -248,6 +248,17 @@ class Faulty(Relay):
             do(self.params)
 
 
+class Fleeting(Faulty):
+    """Dies as soon as it has said that it has taken over; a launcher that it stops hears of both together."""
+
+    def on_resume(self):
+        do(self.params)
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 class NoviceParams(DeedParams):
     after: int = 0
 

@@ -207,6 +207,30 @@ def test_an_old_node_that_dies_when_it_has_handed_over_is_gone_at_once_and_the_n
     assert stage.judgement()[1:] == ("", ["Relay", "Faulty"])
 
 
+def test_a_new_node_that_dies_as_it_has_taken_over_leaves_the_old_one_at_work(stage: Stage) -> None:
+    launcher = psutil.Process(stage.launcher.pid)
+
+    def alive() -> set[int]:
+        found: set[int] = set()
+        for process in launcher.children(recursive=True):  # one that is just ending has no environment
+            with contextlib.suppress(psutil.NoSuchProcess):
+                found |= {process.pid} if process.status() != psutil.STATUS_ZOMBIE else set()
+        return found
+
+    before = alive()
+    with ThreadPoolExecutor() as pool:
+        answer = pool.submit(stage.swap, "Fleeting", step="take over", deed="stop_other", pid=launcher.pid)
+        while launcher.status() != psutil.STATUS_STOPPED or alive() != before:
+            assert not wait([answer], timeout=0.01).done
+        launcher.resume()
+        assert answer.result()["failed"]["step"] == "take over"
+    stage.passes(50)
+    assert stage.judgement()[1:] == ("", ["Relay"])
+    assert "report" in stage.swap("Other")
+    stage.passes(50)
+    assert stage.judgement()[1:] == ("", ["Relay", "Other"])
+
+
 @pytest.mark.parametrize("step", EACH_STEP)
 def test_the_launchers_death_during_a_swap_ends_everything(palp: Palp, own_stage: Stage, step: str) -> None:
     launcher = own_stage.launcher
