@@ -137,3 +137,9 @@ def test_no_burst_is_an_error_with_the_way_out(files: list[Path]) -> None:
 def test_a_trial_named_twice_is_refused_for_it_would_count_as_two(files: list[Path]) -> None:
     with pytest.raises(PalpError, match="named twice"):
         run("fit-policy", files[1], f"2={files[1]}", "--mvc", files[0], "--fs", RATE_HZ)
+
+
+def test_a_wrong_setting_is_refused_before_a_folder_is_made(tmp_path: Path) -> None:
+    with pytest.raises(PalpError, match="--set on_shore: no such setting"):
+        run("fit-policy", tmp_path, "--set", "on_shore:=0.9", "--out", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
