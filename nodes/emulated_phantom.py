@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from msgs.experiment import Mount
-from nodes.phantom import SimulatedPhantom
+from nodes.phantom import HeightSpread, SimulatedPhantom
 from palp_core import Params, ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
@@ -60,7 +60,7 @@ class EmulatedPhantomParams(Params):
     repeatability_mm: ReadOnly[MillimetresNonNegative] = 0.3
     noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = RESOLUTION_N_M * 1e3
     seed: ReadOnly[Count] = 1
-    height_sd_mm: ReadOnly[MillimetresNonNegative] = 0.1
+    height_sd_mm: ReadOnly[HeightSpread] = 0.1
     noise: ReadOnly[str] = ""
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05

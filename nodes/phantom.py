@@ -1,6 +1,7 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
 from collections.abc import Sequence
+from typing import Annotated
 
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
@@ -26,12 +27,13 @@ from palp_core.units import (
     Kilograms,
     Metres,
     Millimetres,
-    MillimetresNonNegative,
     Probability,
     RatioNonNegative,
+    quantity,
 )
 
 MARGIN_M = 0.002
+HeightSpread = Annotated[float, quantity("mm", 0.0, 100.0)]
 SPEED_M_S = 0.02
 """The published one, until a block of poses tells."""
 
@@ -102,7 +104,7 @@ class PhantomParams(Params):
     from_m: Metres = -0.03
     to_m: Metres = 0.05
     indentation_mm: Millimetres = 4.0
-    height_sd_mm: MillimetresNonNegative = 0.1
+    height_sd_mm: HeightSpread = 0.1
     noise: str = ""
     friction: RatioNonNegative = 0.3
     tip_mass_kg: Kilograms = 0.008

@@ -55,7 +55,7 @@ class RigStage(Stage):
     watch = Timer(hz="watch_hz", running=True)
 
     def on_configure(self) -> None:
-        super().on_configure()
+        self.make_device()
         self.permit = MotionPermit(self.params.beat_ms * 1e-3)
         self.permits_sweep, self.check_ns = False, 0
         self.waiting: list[SweepGoal] = []

@@ -71,14 +71,14 @@ def require_clearance(params: StageParams) -> None:
 
 
 def device_options(params: StageParams) -> dict[str, Any]:
-    """Return what the stage's driver is handed: by every stage's node, and its own options."""
+    """Return what every stage's node hands its driver; the driver's own options come apart."""
     handed = StageOptions(
         limits=window_of(params),
         sweep_speed_m_per_s=params.sweep_speed_m_s,
         lift_speed_m_per_s=params.lift_speed_m_s,
         lift_m=params.lift_mm * 1e-3,
     )
-    return {**msgspec.structs.asdict(handed), **params.options}
+    return msgspec.structs.asdict(handed)
 
 
 def window_of(params: StageParams) -> TravelLimits:
@@ -99,7 +99,7 @@ def mistakes(params: StageParams) -> dict[str, str]:
         except DeviceError as error:
             found[name] = str(error)
     found |= block_mistakes(params.block_samples, params.rate_hz)
-    return found or device_mistakes("stage", params.device, device_options(params))
+    return found or device_mistakes("stage", params.device, {**device_options(params), **params.options})
 
 
 class StageState(DeviceNodeState):
@@ -134,11 +134,15 @@ class Stage(DeviceNode):
     arrival = Alarm()
 
     def on_configure(self) -> None:
-        require_clearance(self.params)
-        self.device = open_device("stage", self.params.device, **device_options(self.params))
+        self.make_device()
         length_s, stream = 1.0 / self.params.block_hz, self.params.stream
         if late := late_blocks(stream, length_s, wall_clock=False):  # torque follows the poses
             self.log.warning("%s", late)
+
+    def make_device(self) -> None:
+        params = self.params
+        require_clearance(params)
+        self.device = open_device("stage", params.device, **device_options(params), **params.options)
 
     def on_activate(self) -> None:
         self.state.activity, self.state.at_start = "ready", False

@@ -336,6 +336,16 @@ def test_an_option_of_the_driver_says_nothing_that_the_node_says_itself() -> Non
     assert RigStage.examine(params)["options"].startswith("lift_m: the node's own parameters say this")
 
 
+def test_a_stage_that_examines_nothing_hands_no_driver_other_limits() -> None:
+    class Unexamined(RigStage):
+        @staticmethod
+        def examine(params: Any) -> dict[str, str]:
+            return {}
+
+    with pytest.raises(NodeError, match="multiple values for keyword argument 'limits'"):
+        Bench(Unexamined, {"device": "aerotech", "options": {"limits": {"y_m": [-9.0, 9.0]}}})
+
+
 @pytest.mark.parametrize("activity", ["returning", "sweeping", "swept", "resting"])
 def test_a_move_that_is_under_way_at_a_hand_over_is_not_its_successors(
     permitted: Permitted, successor: Callable[..., Bench[RigStage]], activity: str

@@ -39,6 +39,8 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
     ("name", "argument", "nodes"),
     [
         ("sim", "shared.height_sd_mm:=-1.0", ["Information", "Phantom", "Estimator"]),
+        ("sim", "shared.height_sd_mm:=101.0", ["Phantom"]),
+        ("emulated", "shared.height_sd_mm:=101.0", ["EmulatedPhantom"]),
         ("sim", "training:=-1", ["Experiment", "Information", "Estimator"]),
         ("emulated", "shared.height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
         ("rig", "shared.lift_mm:=-5.0", ["Safety", "RigStage"]),

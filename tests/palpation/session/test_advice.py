@@ -26,16 +26,35 @@ def changed(run: RunSummary, node: str, **params: Any) -> RunSummary:
     return msgspec.structs.replace(run, params=run.params | {node: run.params[node] | params})
 
 
+def test_the_launch_files_of_palp_need_no_advice(runs: list[RunSummary]) -> None:
+    for run in runs:
+        assert advice(run) == []
+
+
 def test_a_stage_that_is_faster_than_the_computed_touch_is_bounded_for_is_told_how_fast_it_may_be(
     runs: list[RunSummary],
 ) -> None:
     for run in runs:
-        assert advice(run) == advice(changed(run, "stage", sweep_speed_m_s=0.05)) == []
+        assert advice(changed(run, "stage", sweep_speed_m_s=0.05)) == []
         (words,) = advice(changed(run, "stage", sweep_speed_m_s=0.08))
         assert words.startswith("/stage: sweep_speed_m_s: 0.08: inertia: quasi_static")
         assert words.endswith("sweep at 0.05 m/s or slower")
     finer = changed(changed(runs[0], "phantom", tolerance=0.01), "stage", sweep_speed_m_s=0.03)
     assert advice(finer)[0].endswith("sweep at 0.02 m/s or slower")
+
+
+def test_samples_that_come_later_than_asked_are_told_how_long_blocks_may_be(runs: list[RunSummary]) -> None:
+    sim, emulated = runs
+    assert sim.params["stage"]["block_samples"] > 50  # of a feature nothing is acted upon within a sweep
+    (words,) = advice(changed(sim, "stage", block_samples=51, within_sweep=True))
+    assert words.startswith("/stage: block_samples: 51: the torque comes in blocks of 0.051 s")
+    assert words.endswith("give 50 at most, at 1000 Hz")
+    (words,) = advice(changed(emulated, "torque", block_samples=41))
+    assert words.endswith("give 40 at most, at 1000 Hz")
+    (words,) = advice(changed(emulated, "emg", block_samples=150))
+    assert words.startswith("/emg: block_samples: 150: the emg comes in blocks of 0.1 s")
+    (words,) = advice(changed(emulated, "torque", load_hz=100.0))
+    assert words.endswith("give 345 at least")
 
 
 def test_a_policy_that_is_to_take_over_in_a_trial_that_there_will_not_be_is_named(

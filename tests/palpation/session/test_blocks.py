@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from nodes.emg import EmgParams
+from nodes.rig_stage import RigStage
 from nodes.rig_torque import RigTorque, RigTorqueParams
 from nodes.stage import Stage, StageParams
 from palp_core import Bench
@@ -57,6 +58,7 @@ def test_blocks_that_are_late_for_their_reader_are_reported_at_the_start(
 ) -> None:
     with caplog.at_level(logging.WARNING):
         Bench(Stage, {"block_samples": 50})
+        Bench(RigStage, {"device": "sim", "block_samples": 100})  # a sensor of its own streams the torque
         assert not caplog.records
         Bench(Stage, {"block_samples": 100})
     assert "the torque comes in blocks of 0.1 s" in caplog.text

@@ -24,6 +24,7 @@ from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole, why_not, write_whole
 
 _LARGEST_BYTES = 256 << 10
+_LARGEST_HEIGHT_SD_M = 0.1  # beyond it no phantom lies under the probe
 _CHANCE = 0.999  # of a cell's variance: what is above it was no chance
 
 
@@ -71,8 +72,9 @@ def read_noise(path: str | Path) -> RigNoise:
         ) from error
     for name in ("sample_sd_n_m", "sweep_sd_n_m", "ring_sd_m", "height_sd_m", "hour_sd_n_m"):
         value = getattr(found, name).value
-        if not (math.isfinite(value) and 0.0 <= value < 1.0):
-            raise PerceptionError(f"{path}: {name} is {value}; a standard deviation in SI lies in 0 to 1")
+        most = _LARGEST_HEIGHT_SD_M if name == "height_sd_m" else 1.0
+        if not (math.isfinite(value) and 0.0 <= value <= most):
+            raise PerceptionError(f"{path}: {name} is {value}; a standard deviation in SI lies in 0 to {most:g}")
     return found
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from palp_core.methods import left_out
+from palp_core.palpation.devices.blocks import Stream, late_blocks, longest_s
 from palp_core.palpation.mechanics.scene.guard import speed_guard
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.session.methods.used import rig_of
@@ -18,9 +20,9 @@ if TYPE_CHECKING:
 
 def advice(summary: RunSummary) -> list[str]:
     """Return in words what of a run its methods do not vouch for, or will not happen, and what to do."""
-    roles = roles_of(summary)
+    roles, wall_clock = roles_of(summary), summary.clock == "wall"
     broken = [f"left out: {words}" for words in left_out()]
-    return [*broken, *_speed(roles), *_too_late_swaps(roles)]
+    return [*broken, *_speed(roles), *_late(roles, wall_clock=wall_clock), *_too_late_swaps(roles)]
 
 
 def _too_late_swaps(roles: Roles) -> Iterator[str]:
@@ -52,3 +54,23 @@ def _speed(roles: Roles) -> Iterator[str]:
             f"/{roles.node['stage']}: sweep_speed_m_s: {speed_m_s:g}: {words}; every palpation will be "
             f"marked so; sweep at {max(enough, default=0.0):g} m/s or slower"
         )
+
+
+def _late(roles: Roles, *, wall_clock: bool) -> Iterator[str]:
+    """Yield which samples come later than their reader wants them."""
+    streams: Mapping[str, Stream] = {"torque": "torque", "emg": "emg"}
+    if "block_samples" not in roles.params("torque"):  # simulated: as the stage's poses come
+        within = roles.params("stage").get("within_sweep", True)
+        streams = {"stage": "torque" if within else "sweep", "emg": "emg"}
+    for role, stream in streams.items():
+        params = roles.params(role)
+        if "block_samples" not in params:
+            continue
+        rate_hz, most_s = params["rate_hz"], longest_s(stream, wall_clock=wall_clock)
+        if late := late_blocks(stream, params["block_samples"] / rate_hz, wall_clock=wall_clock):
+            most = f"give {int(most_s * rate_hz * (1.0 + 1e-9))} at most, at {rate_hz:g} Hz"
+            yield f"/{roles.node[role]}: block_samples: {params['block_samples']}: {late}; {most}"
+    load_hz = roles.params("torque").get("load_hz")
+    if load_hz and (late := late_blocks("load", 1.0 / load_hz, wall_clock=wall_clock)):
+        least_hz = math.ceil(1.0 / longest_s("load", wall_clock=wall_clock))
+        yield f"/{roles.node['torque']}: load_hz: {load_hz:g}: {late}; give {least_hz} at least"
