@@ -1,6 +1,5 @@
 """What a session with a person is set to do, what its node remembers, and its design."""
 
-from dataclasses import fields
 from typing import Literal
 
 import msgspec
@@ -16,6 +15,11 @@ from palp_core.palpation.session.human.questions import AnswerForm
 from palp_core.palpation.session.plan import PlannedPhantom
 from palp_core.palpation.session.sheet.identity import Source, consent_id, source_of, subject_code
 from palp_core.units import Count, CountPositive, HertzPositive, Kilograms, Seconds, SecondsPositive
+
+DESIGN = (
+    "order", "subject_number", "seed", "repeats", "limit_s", "rest_s", "quiet_s", "mvc_s", "mvc_tries",
+)  # fmt: skip
+"""Parameters that are the design's numbers of that name."""
 
 
 class HumanParams(Params):
@@ -118,8 +122,7 @@ def design_of(params: HumanParams) -> HumanDesign:
         PerceptionError: The numbers do not fit together.
     """
     phantoms, sealed = phantoms_of(params)
-    names = {one.name for one in fields(HumanDesign)} & {*HumanParams.__struct_fields__} - {"phantoms"}
-    given = {name: getattr(params, name) for name in names}
+    given = {name: getattr(params, name) for name in DESIGN}
     return HumanDesign(phantoms=phantoms, sealed=sealed, mass_kg=params.mvc_kg, **given)
 
 

@@ -96,6 +96,14 @@ def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
     assert emulated == rig
 
 
+def test_the_window_is_the_path_of_the_experiment() -> None:
+    nodes = yaml.safe_load(resolved_yaml(check_here(RIG, ["shared.from_m:=-0.01", "shared.to_m:=0.02"])))[
+        "nodes"
+    ]
+    for node in ("experiment", "stage", "safety"):
+        assert (nodes[node]["params"]["from_m"], nodes[node]["params"]["to_m"]) == (-0.01, 0.02)
+
+
 @pytest.mark.slow
 def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"

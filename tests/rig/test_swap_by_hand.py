@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,7 @@ from palp_core.graph.messages.message import decode
 from palp_core.graph.swap.swap import SwapRequest
 from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
+from palp_core.palpation.session.policy_changes import unplanned_spans
 from palp_core.palpation.session.report import write
 from tests.support.palp import SIM
 from tests.support.rig_session import ComposedGraph
@@ -93,7 +96,33 @@ def test_result_page_and_overview_name_all_who_decided_and_the_page_what_no_comm
     assert f"<td>uniform</td><td>2</td><td>4</td><td>{at_s:,.1f} s</td>" in page
     assert "nothing else that was changed of nodes while the session ran" in page
     (entry,) = find_sessions(folder / "out")
-    assert "by hand uniform from trial 2, palpation 4" in entry.design
+    assert ", by hand fixed from trial 1, palpation 1, by hand uniform from trial 2" in entry.design
+    assert "by hand markov" not in entry.design
+
+
+@pytest.mark.parametrize(
+    ("chose", "by_hand"),
+    [
+        ("mm mm mu uu", ""),  # as planned: uniform from trial 3 on
+        ("mm mm m uu", ""),
+        ("mm mu uu uu", "u2.2"),  # the planned one, in another trial: it was there already when it was due
+        ("mm mm mu mm", "m4.1"),  # back to the first
+        ("mm mm mm mm", "m3.2"),  # the planned one never came
+        ("ff mm mu uu", "f1.1 m2.1"),
+    ],
+)
+def test_another_choice_than_planned_is_by_hand_whoever_it_is(chose: str, by_hand: str) -> None:
+    names = {"m": "markov", "u": "uniform", "f": "fixed"}
+    facts = [
+        {"policy": names[one], "trial": trial, "iteration": iteration}
+        for trial, policies in enumerate(chose.split(), 1)
+        for iteration, one in enumerate(policies, 1)
+    ]
+    rows: list[Any] = [
+        SimpleNamespace(phase="estimation", row=row, start_ns=0, **more) for row, more in enumerate(facts)
+    ]
+    found = unplanned_spans(rows, "nodes.policy_markov:Markov", "3=nodes.policy_uniform:Uniform")
+    assert " ".join(f"{one.policy[0]}{one.trial}.{one.palpation}" for one in found) == by_hand
 
 
 def test_the_bag_gives_the_same_rows_and_changes(folder: Path) -> None:

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -96,6 +97,19 @@ def test_one_session_says_that_its_interval_is_its_own_and_that_trials_ran_out(s
     assert "ran out of stored sweeps" not in run(session, "--stop", "posterior_threshold").output
     slow = run(session, "--stop", "posterior_threshold,fixed_number").output
     assert "Trials ran out of stored sweeps, up to 4 of 4 (fixed_number)" in slow
+    assert "There is no trial that ran out by none" in slow
+
+
+def test_trials_that_ran_out_are_said_beside_a_comparison_without_them(record: Writer) -> None:
+    longer = record("longer", repeats=6, trials=[(0, FLAT), (2, [*FLAT, FLAT[0]])])
+    out = longer / "again"
+    done = run(longer, "--stop", "posterior_threshold,fixed_number", "--out", out)
+    told = json.loads((out / "analysis.json").read_text())
+    assert told["trials_where_none_ran_out"] == 1
+    assert [row["accuracy_where_none_ran_out"] for row in told["results"]] == [1.0, 1.0]
+    assert (
+        "Of the 1 trial that ran out by none, no fair draw from all of them: posterior_threshold 100.0 %"
+    ) in done.output
 
 
 def test_the_latent_filter_needs_a_noise_file_and_is_less_sure_of_readings_that_share_an_error(
@@ -143,19 +157,22 @@ def test_what_cannot_be_analysed_says_why(record: Writer, session: Path, tmp_pat
         ("ring_sd_m: {value: 1}", "sample_sd_n_m"),
         ("x: 1", "noise file"),
         ("[", "noise file"),
-        ("", "sweep_sd"),
+        ({"sweep_sd_n_m": Component(-1.0)}, "sweep_sd_n_m is -1"),
+        (
+            {"height_sd_m": Component(0.11)},
+            "height_sd_m is 0.11; a standard deviation in SI lies in 0 to 0.1",
+        ),
     ],
 )
-def test_a_noise_file_is_read_back_and_mistakes_are_named(text: str, match: str, tmp_path: Path) -> None:
+def test_a_noise_file_is_read_back_and_mistakes_are_named(
+    text: str | dict[str, Component], match: str, tmp_path: Path
+) -> None:
     path = tmp_path / "noise.yaml"
     write_noise(NOISE, path)
     assert read_noise(path) == NOISE
-    if text:
+    if isinstance(text, str):
         path.write_text(text)
     else:
-        zero = Component(0.0)
-        write_noise(
-            RigNoise(sample_sd_n_m=zero, sweep_sd_n_m=Component(-1.0), ring_sd_m=zero, height_sd_m=zero), path
-        )
+        write_noise(msgspec.structs.replace(NOISE, **text), path)
     with pytest.raises(PerceptionError, match=match):
         read_noise(path)

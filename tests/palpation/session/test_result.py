@@ -174,7 +174,8 @@ def changed(before: str, run: str, at_s: float = 0.5) -> RunChange:
     ("chose", "present", "label"),
     [
         ([], [], "markov, 12 mm"),
-        ([], ["Fixed"], "markov"),  # the ring is of one that came after the last palpation
+        ([], ["Fixed"], "markov, then fixed, 12 mm"),
+        ([("markov", 1)], ["Fixed"], "markov"),  # the ring is of one that came after the last palpation
         ([("fixed", 1)], ["Fixed"], "fixed, 12 mm"),
         ([("fixed", 1), ("uniform", 2)], ["Fixed", "Uniform"], "fixed, from trial 2 on uniform, 12 mm"),
         ([("markov", 1), ("mine", 60)], [], "markov, from trial 60 on mine, 12 mm"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.methods import names as names_of
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -61,12 +62,25 @@ def analyse(
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
     rows: list[dict[str, Any]] = []
+    all_decided = []
     for combo in combos:
         decided = [reanalyse(session, combo, noise=noise, scene=scene) for session in sessions]
+        all_decided.append(decided)
         shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
         first = rows[0]["accuracy_per_session"] if rows else shares
         rows.append(_row(combo, decided, shares, first))
+    ended = set.intersection(*map(_ended, all_decided))
+    for row, decided in zip(rows, all_decided, strict=True):
+        pairs = [
+            (again, trial)
+            for i, again in enumerate(decided)
+            for trial in again.trials
+            if (i, trial.trial) in ended
+        ]
+        right = [_right(again, trial) for again, trial in pairs if trial.depth_m is not None]
+        row["accuracy_where_none_ran_out"] = float(np.mean(right)) if right else None
     return {
+        "trials_where_none_ran_out": len(ended),
         "sessions": [
             {
                 "path": str(one.path),
@@ -82,18 +96,33 @@ def analyse(
     }
 
 
+def _ended(decided: Sequence[ReanalysedSession]) -> set[tuple[int, int]]:
+    """Return the trials, each with its session's place, that did not run out of sweeps."""
+    return {(i, t.trial) for i, again in enumerate(decided) for t in again.trials if t.verdict != "ran_out"}
+
+
 def remarks_of(record: dict[str, Any]) -> list[str]:
     """Return what a reader of the table must know: trials that wanted more than was stored."""
     most = max(record["results"], key=lambda row: row["ran_out"])
     if not most["ran_out"]:
         return []
     differ = [task for task in _TASKS if len({_shown(one, task) for one in record["results"]}) > 1]
-    methods = "/".join(_shown(most, task) for task in differ or ("filter",))
-    return [
-        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} ({methods}): the rule "
-        "wanted another, the session had stopped, and the trial counts by its belief at that point. A method "
-        "that asks for more is marked down by that, not by being wrong: compare by a simulation."
-    ]
+
+    def methods(row: dict[str, Any]) -> str:
+        return "/".join(_shown(row, task) for task in differ or ("filter",))
+
+    remark = (
+        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} ({methods(most)}): "
+        "the rule wanted another, the session had stopped, and the trial counts by its belief at that point. "
+        "A method that asks for more is marked down by that, not by being wrong."
+    )
+    count, name = record["trials_where_none_ran_out"], "accuracy_where_none_ran_out"
+    if not count:
+        return [f"{remark} There is no trial that ran out by none; compare by a simulation (palp launch)."]
+    shares = [(methods(row), row[name]) for row in record["results"] if row[name] is not None]
+    compared = ", ".join(f"{methods} {100.0 * share:.1f} %" for methods, share in shares)
+    trials = counted(count, "trial")
+    return [f"{remark} Of the {trials} that ran out by none, no fair draw from all of them: {compared}."]
 
 
 def _rights(again: ReanalysedSession) -> list[bool]:

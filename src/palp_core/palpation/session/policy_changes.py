@@ -1,11 +1,12 @@
 """Which policy chose each palpation, and what was changed of nodes while a session ran."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
 from palp_core.graph.launch.run_journal import RunChange
+from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.trials_csv import Row
 
 
@@ -36,11 +37,15 @@ class NodeChange(msgspec.Struct, kw_only=True):
     params: dict[str, Any]
 
 
-def apply_policy_changes(facts: Any, palpation: Any) -> None:
-    """Let ``facts.policy`` be the one that chose a palpation, before its row is made.
+class ChangingFacts(Protocol):
+    """Who chooses: ``policy_changes``, each from a palpation on, are those that no row has come to yet."""
 
-    ``facts.policy_changes``, each from a palpation on, are those that no row has come to yet.
-    """
+    policy: str
+    policy_changes: list[Any]
+
+
+def apply_policy_changes(facts: ChangingFacts, palpation: Any) -> None:
+    """Let ``facts.policy`` be the one that chose a palpation, before its row is made."""
     of = (palpation.trial, palpation.iteration)
     while facts.policy_changes:
         first = facts.policy_changes[0]
@@ -57,6 +62,23 @@ def policy_spans(rows: Sequence[Row]) -> list[PolicySpan]:
         if not found or row.policy != found[-1].policy:
             at_s = round(row.start_ns / 1e9, 3)
             found.append(PolicySpan(policy=row.policy, trial=row.trial, palpation=row.iteration, at_s=at_s))
+    return found
+
+
+def unplanned_spans(rows: Sequence[Row], policy: str, swaps: str) -> list[PolicySpan]:
+    """Return from which palpation of estimation on a policy chose that neither beginning nor swaps lead to.
+
+    A planned policy chooses from the palpation after the first of its trial; one that never came is told by
+    the policy that chose in its place.
+    """
+    by_plan, due = planned(swaps), policy_name(policy)
+    found: list[PolicySpan] = []
+    for row in sorted((row for row in rows if row.phase == "estimation"), key=lambda row: row.row):
+        if row.policy != due:
+            found += policy_spans([row])
+        due = row.policy
+        if row.iteration == 1 and row.trial in by_plan:
+            due = policy_name(by_plan[row.trial])
     return found
 
 

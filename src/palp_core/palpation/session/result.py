@@ -228,7 +228,10 @@ class SessionResult(msgspec.Struct, kw_only=True):
         return f"unfinished: {self.unfinished.done}{of} {self.unfinished.what}"
 
     def policy_label(self) -> str:
-        """Return the policy that chose first, those that took over, and the ring position of the last."""
+        """Return the policy that chose first, those that took over, and the ring position of the last.
+
+        Where no trial was begun, the policies that were there follow in their order.
+        """
         chose = [span.policy for span in self.policies or ()] or [self.policy or "unnamed"]
         label = chose[0]
         if self.policy_class and label == self.policy:
@@ -237,6 +240,9 @@ class SessionResult(msgspec.Struct, kw_only=True):
             label += f", from trial {span.trial} on {span.policy}"
         node = self.roles.get("policy", "policy")
         present = [policy_name(one.run) for one in self.changes or () if one.node == node and one.run]
+        if not (self.policies or self.trials_done or self.trials_dropped or self.trials_unfinished):
+            label += "".join(f", then {policy}" for policy in present)
+            chose += present
         ring = self.protocol_of("policy").get("ring_mm")  # of the policy that was there last
         return label + (f", {ring.value:g} mm" if ring and (present or chose)[-1] == chose[-1] else "")
 

@@ -17,7 +17,7 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from types import NoneType
-from typing import Any, BinaryIO, get_args, get_type_hints
+from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -78,11 +78,32 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     leave_ns: int | None = None
 
 
-def row_of(facts: Any, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
+class RowFacts(Protocol):
+    """What is known when a palpation is written down; the names are those of the experiment's state.
+
+    ``policy`` is the one that took over last, empty before; ``ring_landed``: the ring was re-homed.
+    """
+
+    row: int
+    phase: str
+    code: str
+    remount: int
+    number: int
+    depth_m: float
+    true_ring_m: float | None
+    true_height_m: float | None
+    guards: list[str]
+    ring_landed: bool
+    last_ring_m: float
+    policy: str
+    enter_ns: int | None
+    leave_ns: int | None
+
+
+def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
     """Return the row of a palpation.
 
-    ``facts`` are what the experiment's state knows when it is written down; ``belief`` is None in training;
-    the session began with ``policy``, given by name or by its class.
+    ``belief`` is None in training; the session began with ``policy``, given by name or by its class.
     """
     policy = policy_name(policy)
     return Row(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -25,6 +26,7 @@ from palp_core.palpation.mechanics import (
 from palp_core.palpation.mechanics.contact.bounds import _ABOUT, _NEAR, _PAPER, _PUBLISHED
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.model import BesideBead
+from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
 
 STAGE_M = np.linspace(-0.03, 0.05, 81)
@@ -89,6 +91,21 @@ def test_stated_bounds_are_kept_at_the_corners_of_their_boxes(
     assert checked > 100
 
 
+def test_past_a_bead_2_mm_beside_the_path_bounds_hold_and_at_5_mm_the_contrast_would_not() -> None:
+    """Against L4, at the nominal load; from box to box the slow test above."""
+    errors = {}
+    for beside_m in (0.002, 0.005):
+        phantom = Phantom(bead=Bead(depth_m=0.004, beside_m=beside_m))
+        models = [rung_model(rung, phantom, 0.006) for rung in ("l2", "l4")]
+        given, true = (sweep(one, Probe(), 0.016, 0.004, STAGE_M) for one in models)
+        errors[beside_m] = [abs(of(given) / of(true) - 1.0) for of in (peak_n_m, contrast_n_m)]
+    beside = Scene(phantom=Phantom(bead=Bead(depth_m=0.004, beside_m=0.002)), ring_m=(0.016,))
+    bounds = [find("contact", "l2").bound(output, beside.quantities()) for output in ("peak", "contrast")]
+    stated = [bound for bound in bounds if bound is not None]
+    assert all(error <= bound for error, bound in zip(errors[0.002], stated, strict=True))
+    assert errors[0.005][1] > stated[1]
+
+
 @pytest.mark.parametrize(
     ("ring_m", "modulus_pa", "rung"), [(0.004, 20e3, "l2"), (0.016, 20e3, "l2"), (0.016, 15e3, "l4")]
 )
@@ -102,6 +119,16 @@ def test_a_joint_that_hardly_gives_way_gets_the_finer_rung(
         tolerance=Tolerance(output="peak", relative=0.02),
     )
     assert choose_rung(scene).rung == rung
+
+
+def test_yielding_is_the_moment_of_hertz_over_what_the_joint_holds() -> None:
+    scene = Scene(ring_m=(0.004, 0.016))
+    (small, large), probe = scene.quantities()["yielding"], scene.probe  # type: ignore[misc]
+    hertz_n = 4.0 / 3.0 * 20e3 / (1.0 - 0.49**2) * math.sqrt(0.006) * 0.004**1.5
+    assert large == pytest.approx(hertz_n * 0.064 / (2 * 0.016 * 0.0068 * 240 + probe.weight_n_m))
+    assert small > 3.0 * large
+    floating = Scene(probe=Probe(tip_mass_kg=0.0), ring_m=(0.0,)).quantities()["yielding"]
+    assert floating == (math.inf,)
 
 
 def test_a_path_that_ends_on_the_bead_has_no_contrast_to_vouch_for() -> None:

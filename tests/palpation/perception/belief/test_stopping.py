@@ -90,6 +90,15 @@ def test_a_doubled_belief_fools_the_verbatim_rule_and_not_the_guarded_one() -> N
     assert not PaperGuarded().check(history).converged
 
 
+def test_a_settled_belief_stops_the_guarded_rule() -> None:
+    assert PaperGuarded().check(_after([0.9, 0.05, 0.05], [0.91, 0.045, 0.045])).converged
+
+
+def test_a_belief_that_moves_to_another_class_stops_no_paper_rule() -> None:
+    history = _after([0.8, 0.1, 0.1], [0.1, 0.8, 0.1])
+    assert not any(rule.check(history).converged for rule in PAPER)
+
+
 def test_a_posterior_threshold_works_for_two_depths() -> None:
     assert not PosteriorThreshold(0.95).check(_after([0.7, 0.3])).converged
     assert PosteriorThreshold(0.95).check(_after([0.96, 0.04])).converged

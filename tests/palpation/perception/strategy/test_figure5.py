@@ -14,6 +14,8 @@ from palp_core.palpation.perception.strategy.markov import (
 
 SPECTRA = np.array(figure5.EIGENVALUES)
 KINDS: list[figure5.Reconstruction] = ["ar1", "tridiagonal"]
+LAG_CORRELATIONS = (0.60, 0.67, 0.71)
+"""Lag-1 correlation per depth of the Gaussian AR(1) with the closest spectrum (assumed form)."""
 LEAST = 1e-6
 """Entries are at least so large in the default, which keeps the logarithm finite."""
 
@@ -31,7 +33,7 @@ def test_every_matrix_has_the_published_spectrum(kind: figure5.Reconstruction, d
 @pytest.mark.parametrize("depth", range(3))
 def test_the_default_is_the_nearest_to_the_kernel_in_relative_entropy(depth: int) -> None:
     """No step that keeps spectrum, columns and symmetry lowers it to first order."""
-    levels, rho = np.array(figure5.LEVELS), figure5.LAG_CORRELATIONS[depth]
+    levels, rho = np.array(figure5.LEVELS), LAG_CORRELATIONS[depth]
     centres = figure5.MEAN_LEVEL + rho * (levels - figure5.MEAN_LEVEL)
     kernel = np.exp(-0.5 * (levels[:, None] - centres) ** 2 / (figure5.SD_LEVEL**2 * (1.0 - rho**2)))
     kernel /= kernel.sum(axis=0)

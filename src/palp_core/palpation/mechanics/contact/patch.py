@@ -29,7 +29,6 @@ class Pressed:
     """One solved contact, for Young's modulus 1."""
 
     normal_n: float  # Normal force
-    energy_j: float  # Elastic energy
     force_n: Float64Array  # Force on each cell of the half patch; its mirror image bears the same
 
 
@@ -112,7 +111,7 @@ class Patch:
                 start = None
             force = solve_contact(self.compliance(offset_m), self._overlap, start)
             if not np.any(force[self._rim] > 0.0):
-                return Pressed(2.0 * float(force.sum()), float(force @ self._overlap), force)
+                return Pressed(2.0 * float(force.sum()), force)
             self._margin *= 1.25
             self._build()
         raise MechanicsError("the contact spreads over the whole surface; press less deep")

@@ -70,7 +70,7 @@ class Primitives:
         Args:
             reading: The new reading, in the unit of the training readings.
             setting_index: Which setting it was taken at.
-            model: A method of task ``likelihood``: ``normal``, ``student_t`` or ``robust``.
+            model: A method of task ``likelihood``: ``normal`` or ``student_t``.
 
         Raises:
             PerceptionError: The reading is not finite or the setting was not trained.

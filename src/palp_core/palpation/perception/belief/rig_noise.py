@@ -74,7 +74,9 @@ def read_noise(path: str | Path) -> RigNoise:
         value = getattr(found, name).value
         most = _LARGEST_HEIGHT_SD_M if name == "height_sd_m" else 1.0
         if not (math.isfinite(value) and 0.0 <= value <= most):
-            raise PerceptionError(f"{path}: {name} is {value}; a standard deviation in SI lies in 0 to {most:g}")
+            raise PerceptionError(
+                f"{path}: {name} is {value}; a standard deviation in SI lies in 0 to {most:g}"
+            )
     return found
 
 

@@ -20,10 +20,9 @@ class Peak:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Peak minus local base, the base itself, and the peak's sample."""
+    """Peak minus local base, and the peak's sample."""
 
     value_n_m: float
-    base_n_m: float
     index: int
 
 
@@ -138,4 +137,4 @@ def contrast(
             "lies inside the sweep; shorten `reach` or sweep further past the nodule"
         )
     base = float(np.mean([np.median(torque_n_m[s : s + flank]) for s in inside]))
-    return Contrast(found.value_n_m - base, base, found.index)
+    return Contrast(found.value_n_m - base, found.index)

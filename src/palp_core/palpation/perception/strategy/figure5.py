@@ -32,8 +32,6 @@ MEAN_LEVEL = 0.3
 """Stationary mean of the levels (assumed: the middle of the scale). Results depend on it."""
 SD_LEVEL = 0.08
 """Stationary standard deviation of the levels (assumed). Results depend on it."""
-LAG_CORRELATIONS = (0.60, 0.67, 0.71)
-"""Lag-1 correlation per depth of the Gaussian AR(1) with the closest spectrum (assumed form)."""
 
 # Nearest to the AR(1) kernel in relative entropy: smooth around the diagonal.
 # M[next][current], columns sum to 1.

@@ -16,8 +16,7 @@ from palp_core.graph.launch.run_journal import last_set
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.audit import TrialKey, left_out
 from palp_core.palpation.session.human.record import is_human_session, read_human
-from palp_core.palpation.session.plan import planned, policy_name
-from palp_core.palpation.session.policy_changes import policy_spans
+from palp_core.palpation.session.policy_changes import unplanned_spans
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
 from palp_core.palpation.session.result import how_far
 from palp_core.palpation.session.roles import Roles, roles_of
@@ -190,10 +189,8 @@ def _design(session: RecordedSession, summary: RunSummary, roles: Roles) -> str:
     ring_mm = (roles.params("policy") | last_set(summary.changes, roles.node["policy"])).get("ring_mm")
     policy, swaps = str(experiment.get("policy") or "unnamed"), experiment.get("swaps") or ""
     found = policy + (f", then {swaps}" if swaps else "")
-    expected = {policy_name(run) for run in (policy, *planned(swaps).values())}
-    for span in policy_spans(session.rows):
-        if span.policy not in expected:
-            found += f", by hand {span.policy} from trial {span.trial}, palpation {span.palpation}"
+    for span in unplanned_spans(session.rows, policy, swaps):
+        found += f", by hand {span.policy} from trial {span.trial}, palpation {span.palpation}"
     ring = f" at {ring_mm:g} mm" if ring_mm is not None else ""  # of the policy that was there last
     reading = estimator.get("reading", "feature")
     if estimator.get("filter", PUBLISHED) != PUBLISHED:
