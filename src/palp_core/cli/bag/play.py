@@ -41,6 +41,14 @@ SHOW_NS = 100_000_000
 BAR = 30
 
 
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM ends what plays as Ctrl-C does, in the middle of a node's handler, too."""
+
+
+def _terminate(*_: object) -> None:
+    raise _Terminated
+
+
 def play(
     bag: Annotated[Path, argument("A bag's folder or one of its files.")],
     *,
@@ -82,7 +90,7 @@ def play(
             "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
         )
     check_topics(topics or (), bag)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))  # all is put in order, as on Ctrl-C
+    signal.signal(signal.SIGTERM, _terminate)
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(Bag(bag))
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
@@ -117,10 +125,8 @@ def play(
         try:
             loop_ = PlayLoop(playback, run, keys=not disable_keyboard_controls)
             loop_.run(delay_s=delay, readers=wait_matching)
-        except KeyboardInterrupt:
-            status = INTERRUPTED
-        except SystemExit:
-            status = TERMINATED
+        except KeyboardInterrupt as error:
+            status = TERMINATED if isinstance(error, _Terminated) else INTERRUPTED
     max_s, p99_s = playback.lateness.max_ns / 1e9, playback.lateness.percentile_s(99)
     account: dict[str, float] = {"messages": playback.played_count, "topics": len(names)}
     played = f"{counted(playback.played_count, 'message')} of {counted(len(names), 'topic')}"
