@@ -207,7 +207,7 @@ class Experiment(Node):
     def _announce_trial(self) -> None:
         state = self.state
         state.trial_announced = True
-        training = state.phase == "training"  # of a trial of estimation nobody is told the depth
+        training = state.phase == "training"  # in estimation the depth stays hidden
         self.trial.publish(
             Trial(
                 stamp_ns=self.now_ns(),

@@ -27,6 +27,7 @@ from palp_core.cli.running import find_graph
 from palp_core.counted import counted
 from palp_core.errors import BagError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.supervision.interrupt import Interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -41,12 +42,8 @@ SHOW_NS = 100_000_000
 BAR = 30
 
 
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM ends what plays as Ctrl-C does, in the middle of a node's handler, too."""
-
-
 def _terminate(*_: object) -> None:
-    raise _Terminated
+    raise Interrupted(signal.SIGTERM)  # within a node's handler, too, as Ctrl-C
 
 
 def play(
@@ -126,7 +123,7 @@ def play(
             loop_ = PlayLoop(playback, run, keys=not disable_keyboard_controls)
             loop_.run(delay_s=delay, readers=wait_matching)
         except KeyboardInterrupt as error:
-            status = TERMINATED if isinstance(error, _Terminated) else INTERRUPTED
+            status = TERMINATED if isinstance(error, Interrupted) else INTERRUPTED
     max_s, p99_s = playback.lateness.max_ns / 1e9, playback.lateness.percentile_s(99)
     account: dict[str, float] = {"messages": playback.played_count, "topics": len(names)}
     played = f"{counted(playback.played_count, 'message')} of {counted(len(names), 'topic')}"
@@ -182,7 +179,7 @@ def _renamed(bag: Bag, old: str, new: str) -> Topic:
 
 
 class PlayLoop:
-    """Plays a bag as time goes by, follows the keys, shows how far it is; no run: into another graph."""
+    """Plays a bag, follows the keys and shows the progress; without a run it plays into another graph."""
 
     def __init__(self, playback: Playback, run: PlayRun | None, *, keys: bool) -> None:
         self._playback, self._run = playback, run
