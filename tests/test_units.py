@@ -12,7 +12,7 @@ import pytest
 from palp_core import units
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.message import Message, decode, encode
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import schema_of
 from palp_core.units import Celsius, Float64Array, NewtonsArray, SecondsArray, Volts, array_of, quantity
 
 Moles = Annotated[float, quantity("mol", 0.0, 1e3)]
@@ -35,7 +35,7 @@ def warm(**changed: object) -> Warm:
 
 
 def test_quantities_of_ones_own_have_units_and_bounds_as_palps_have() -> None:
-    fields = json_schema(schema_of(Warm))["properties"]
+    fields = schema_of(Warm).json_schema["properties"]
     assert {name: field["x-unit"] for name, field in fields.items()} == {
         "body": "degC", "sensor": "V", "grip": "N", "at": "s", "salt": "mol", "salts": "mol",
     }  # fmt: skip

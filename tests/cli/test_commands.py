@@ -48,8 +48,7 @@ PRINTED = {
     "param get /source rare_hz": ["=Float value is: 0.001\n"],
     "param get /source rare_hz --hide-type": ["=0.001\n"],
     "lifecycle list /source": ["- deactivate\n\tStart: active\n\tGoal: inactive"],
-    "interface show Sample": ["    torque_n_m: NDArray[float64]  # N m\n"],
-    "interface show msgs.talk:Sample --as ros": ["float64[] torque_n_m  # N m\n"],
+    "interface show msgs.talk:Sample": ["float64[] torque_n_m  # N m\n"],
     "topic pub --once /scale/load '{load_n: 1, samples: []}'": ["publishing #1"],
     "top --once": ["NODE ", "STATE ", "READERS LOST", "TOPIC "],
 }
@@ -289,7 +288,7 @@ def test_a_node_is_led_through_its_lifecycle(palp: Palp, tmp_path: Path) -> None
 def test_types_are_those_of_the_graph_also_as_json_schema(talk: Talk) -> None:
     names = {entry["name"] for entry in json.loads(talk.said("interface", "list", "--json"))}
     assert {"Sample", "Load", "Seen", "WeighRequest", "WeighReply", "GraphHealth"} <= names
-    schema = json.loads(talk.said("interface", "show", "WeighReply", "--as", "json-schema"))
+    schema = json.loads(talk.said("interface", "show", "WeighReply", "--json-schema"))
     assert list(schema["properties"]) == ["load_n", "asked_count"]
 
 

@@ -10,7 +10,7 @@ from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
 from palp_core.units import Metres, Nanoseconds, NewtonMetresArray
 
@@ -47,7 +47,7 @@ def describe(cls: type[Message], name: str, latched_depth: int = 0) -> Topic:
         name=name,
         type=schema.name,
         type_hash=f"{schema.type_hash:016x}",
-        json_schema=json_schema(schema),
+        json_schema=schema.json_schema,
         latched_depth=latched_depth,
     )
 

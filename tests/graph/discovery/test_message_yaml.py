@@ -24,7 +24,7 @@ from palp_core.graph.messages.message_text import (
     readable,
     truncated,
 )
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import schema_of
 from palp_core.units import Count, Metres, NewtonMetresArray
 
 
@@ -48,7 +48,7 @@ class Everything(Message):
     poses: list[Pose]
 
 
-SCHEMA = json_schema(schema_of(Everything))
+SCHEMA = schema_of(Everything).json_schema
 WHOLE = """
 index: 3
 settled: true

@@ -1,4 +1,4 @@
-"""Malformed frames and requests of every kind: counted, said at a bounded rate, and nothing else happens."""
+"""Malformed frames and requests: counted, logged at a bounded rate, and nothing else happens."""
 
 import logging
 import struct
@@ -189,7 +189,7 @@ def test_no_operation_trusts_its_arguments(target: Target, operation: str, more:
     answers(target, packed({"op": operation, **more}))
 
 
-def test_a_flood_of_rubbish_is_counted_and_said_a_few_times(
+def test_a_flood_of_rubbish_is_counted_and_logged_a_few_times(
     target: Target, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING):

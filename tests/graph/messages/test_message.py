@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.message import Message, decode, encode
-from palp_core.graph.messages.schema import _within, json_schema, schema_of
+from palp_core.graph.messages.schema import _within, schema_of
 from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.units import Count, Metres, MetresArray, NewtonMetres, Newtons, ProbabilityArray
 
@@ -319,7 +319,7 @@ def test_the_type_hash_changes_with_name_type_and_unit_only() -> None:
 
 
 def test_the_json_schema_is_one_object_without_references() -> None:
-    schema = json_schema(schema_of(Everything))
+    schema = schema_of(Everything).json_schema
     assert schema["type"] == "object"
     assert schema["title"] == "Everything"
     assert schema["description"] == "One field of each kind."
@@ -338,8 +338,8 @@ def test_the_json_schema_is_one_object_without_references() -> None:
 
 
 def test_the_ros_text_names_every_field_with_its_unit() -> None:
-    assert ros_text(json_schema(schema_of(Point))) == "float64 x_m  # m\nfloat64 y_m  # m\n"
-    lines = ros_text(json_schema(schema_of(Everything))).splitlines()
+    assert ros_text(schema_of(Point).json_schema) == "float64 x_m  # m\nfloat64 y_m  # m\n"
+    lines = ros_text(schema_of(Everything).json_schema).splitlines()
     assert "float64[] depth_m  # m" in lines
     assert "uint8[] blob" in lines
     assert "Point place" in lines

@@ -68,7 +68,7 @@ def test_keep_all_holds_where_either_end_states_it_and_the_shorter_wait() -> Non
     assert strictest([Qos(), keeps]).history == "keep_all"
 
 
-def test_nobody_waits_for_a_best_effort_reader() -> None:
+def test_no_publisher_waits_for_a_best_effort_reader() -> None:
     best_effort = Qos(reliability="best_effort")
     assert on_edge(best_effort, Qos(history="keep_all")) == best_effort
     reason = incompatibility(Qos(reliability="best_effort", history="keep_all"), Qos())
@@ -77,7 +77,7 @@ def test_nobody_waits_for_a_best_effort_reader() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stated", "said"),
+    ("stated", "text"),
     [
         ({"reliability": "relible"}, "reliability = 'relible': give one of best_effort, reliable"),
         ({"depth": 0}, "depth = 0: give 1 to 1000000"),
@@ -86,6 +86,6 @@ def test_nobody_waits_for_a_best_effort_reader() -> None:
         ({"lease_ms": float("nan")}, "lease_ms = nan: give 0 to"),
     ],
 )
-def test_what_is_no_policy_is_refused_where_it_is_written(stated: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(said)):
+def test_what_is_no_policy_is_refused_where_it_is_written(stated: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(text)):
         Qos(**stated)

@@ -33,11 +33,11 @@ class Swap(Message):
 
 
 class DiagnosticStatus(Message):
-    """How a node stands, as ROS 2's message of that name: said at its start and whenever it changes.
+    """The state of a node, as ROS 2's message of that name: published at its start and at each change.
 
     ``level`` is ``ok``, ``warn`` or ``error``: what is not ``ok`` stays in view until it is, in the launch
     view, ``palp top`` and ``palp doctor``. ``text`` says what is wrong, ``advice`` what to do or type about
-    it. A port for it is ``transient_local`` with ``depth=1``: whoever asks later gets the latest.
+    it. A port for it is ``transient_local`` with ``depth=1``: a late reader gets the latest.
     """
 
     stamp_ns: Nanoseconds
@@ -56,7 +56,7 @@ class CheaperMethod(Message):
 class MethodUse(Message):
     """One exchangeable method that a node uses, as the register of methods weighed it.
 
-    ``of`` tells uses of one task apart, as by a phantom's code. ``asked`` is true where it was named and not
+    ``of`` distinguishes uses of one task, as by a phantom's code. ``asked`` is true where it was named, not
     chosen. ``bound`` is its stated error of ``output`` and counts only where ``bounded``. ``cost_s`` is
     declared, for one use as the task counts them (``per``). ``scene`` (JSON) is what it is used on, SI.
     A method that the register does not know is named by its module and has neither bound nor evidence.
@@ -81,7 +81,7 @@ class MethodsUsed(Message):
     """The exchangeable methods that a node uses from now on, for ``palp methods why`` and the report.
 
     Said when the node begins, when it takes another's place, and whenever one of them changes. A port for it
-    is ``transient_local``: whoever asks later gets it, too.
+    is ``transient_local``: a late reader gets it, too.
     """
 
     stamp_ns: Nanoseconds
@@ -157,7 +157,7 @@ class NodeHealth(Message):
     """How a node's process does, since it began.
 
     An overrun is a tick that starts after the next one is due; a missed deadline is counted by the reader.
-    ``lost_by_readers_count`` is what readers of its topics have said that they lost for good.
+    ``lost_by_readers_count`` is what readers of its topics reported as lost for good.
     ``pid`` is 0 of a node that has joined from another host. ``counted_ns`` is when the node counted, on the
     monotonic clock of its host: rates are between two of these, for who passes it on has a pace of its own.
     """

@@ -28,7 +28,7 @@ HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
 VIEWED_FROM_BYTES = 4096  # below, a copy costs less than a view
 LAST_SEQUENCE = 2**53
-"""No publisher comes that far (285 years at 1 MHz), and sums of a few such numbers can be said everywhere."""
+"""No publisher comes that far (285 years at 1 MHz), and sums of a few such numbers are exact everywhere."""
 
 
 class Kind(IntEnum):
@@ -73,9 +73,9 @@ def raw_of(frame: Frame) -> bytes:
 
 
 def former_of(frame: Frame) -> tuple[int, int]:
-    """Return epoch and last sequence of the publisher's process before a restart, if a heartbeat tells of it.
+    """Return epoch and last sequence of the publisher's process before a restart, if a heartbeat has them.
 
-    (-1, 0) if there was none, or nobody knows.
+    (-1, 0) if there was none, or it is not known.
     """
     if frame.kind not in (Kind.HEARTBEAT, Kind.IDLE) or len(frame.payload) != _FORMER.size:
         return -1, 0

@@ -71,7 +71,7 @@ encode_any: Callable[[Any], bytes] = msgspec.msgpack.Encoder(enc_hook=_to_wire).
 
 
 def encode(message: Message) -> bytes:
-    """Return the message as a plain msgpack map; an int in a float field travels as the float it stands for.
+    """Return the message as a plain msgpack map; an int in a float field travels as that float.
 
     Raises:
         SchemaMismatch: A field holds what cannot travel.

@@ -87,7 +87,7 @@ def pick(message: Any, path: Sequence[str | int]) -> Any:
 
 
 def truncated(value: Any, how: Truncation) -> Any:
-    """Return a value with long parts left out, and said to be."""
+    """Return a value with long parts left out, and marked so."""
     if isinstance(value, dict):
         return {name: truncated(item, how) for name, item in value.items()}
     if isinstance(value, str):

@@ -1,6 +1,6 @@
 """Quality of service per port, in ROS 2's terms and with its request-versus-offered rules.
 
-A policy is a field of :class:`Qos` and an entry of :data:`POLICIES`; launch files, checks and tools go by
+A policy is a field of :class:`Qos` and an entry of :data:`POLICIES`; launch files, checks and tools use
 both. What keeps it is where messages are published (``node/publisher``), taken up (``node/subscription``) or
 watched (``transport/receiver``).
 """
@@ -31,8 +31,8 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         reliability: ``reliable``: what went missing is asked for again.
         durability: ``transient_local``: a late joiner gets the last ``depth`` messages.
         history: ``keep_all``: stated by a reader or its publisher, ``publish()`` waits while a ``reliable``
-            reader on its host is ``depth`` messages behind, and the edge loses nothing. ``keep_last``: who
-            publishes waits for nobody. In simulated time nobody has to.
+            reader on its host is ``depth`` messages behind, and the edge loses nothing. ``keep_last``: the
+            publisher does not wait. In simulated time none has to.
         max_blocking_ms: Longest such wait; then ``publish()`` raises
             :class:`~palp_core.errors.PublishTimeout`. Where none is stated: :data:`MAX_BLOCKING_MS`.
         depth: Messages that the publisher keeps to fill gaps and greet late joiners; a ``best_effort`` reader
@@ -84,7 +84,7 @@ class Policy(NamedTuple):
     least: int = 0  # smallest number that can be stated
     # largest; times of over eleven days guard nothing, and depths of millions fill the memory
     most: int = 1_000_000_000
-    event: EventKind | None = None  # what a reader is told when a stated policy is not kept
+    event: EventKind | None = None  # the reader's event when a stated policy is not kept
 
 
 def _needs(strong: str, what: str = "") -> Callable[[str, str], str | None]:
@@ -140,7 +140,7 @@ _WORDS = {name: get_args(form) for name, form in get_type_hints(Qos).items() if 
 def incompatibility(requested: Qos, offered: Qos) -> str | None:
     """Return why a reader's request cannot be served by a publisher's offer, or None if it can."""
     if requested.history == "keep_all" and requested.reliability != "reliable":
-        return "the reader asks for keep_all and is best_effort: nobody waits for such a reader"
+        return "the reader asks for keep_all and is best_effort: no publisher waits for such a reader"
     for name, policy in POLICIES.items():
         reason = policy.conflict(getattr(requested, name), getattr(offered, name))
         if reason is not None:

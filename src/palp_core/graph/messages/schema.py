@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from palp_core.errors import SchemaMismatch
-from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
+from palp_core.graph.messages.schema_reader import (
+    FLOAT64_DTYPE,
+    FieldKind,
+    is_array,
+    items_of,
+    kind_of,
+    ros_type,
+    unit_of,
+)
 
 
 class MessageMeta(msgspec.StructMeta):
@@ -20,29 +28,15 @@ class MessageMeta(msgspec.StructMeta):
         return super().__new__(mcls, name, bases, namespace, frozen=True, kw_only=True, eq=False)
 
 
-class Field(msgspec.Struct, frozen=True):
-    """One field: name, type as ROS writes it (``float64[]``), unit, and the nested message if it is one.
-
-    ``packed`` tells a numpy array (msgpack bin) from a list of float (msgpack array).
-    """
-
-    name: str
-    type: str
-    unit: str = ""
-    nested: Schema | None = None
-    packed: bool = False
-
-
 class Schema(msgspec.Struct, frozen=True, eq=False):
     """What a message type is made of."""
 
     name: str
-    doc: str
-    fields: tuple[Field, ...]
+    json_schema: dict[str, Any]  # one object: nested messages inlined, arrays as base64
     type_hash: int
     # raises :class:`SchemaMismatch` if an element of an array is out of bounds; None: none can be
     check: Callable[[Any], None] | None
-    # returns a message with the floats that its ints stand for; None: there is nothing to do
+    # returns a message with floats in place of ints in its float fields; None: there is nothing to do
     canonical: Callable[[Any], Any] | None
 
     @property
@@ -50,39 +44,47 @@ class Schema(msgspec.Struct, frozen=True, eq=False):
         return f"{self.type_hash:016x}"
 
 
-_SCALARS: dict[type, str] = {
-    msgspec.inspect.BoolType: "bool",
-    msgspec.inspect.IntType: "int64",
-    msgspec.inspect.FloatType: "float64",
-    msgspec.inspect.StrType: "string",
-    msgspec.inspect.BytesType: "uint8[]",
+class _Field(NamedTuple):
+    schema: dict[str, Any]
+    bounds: tuple[float, float] | None = None  # of an array's elements; msgspec checks all others
+    nested: Schema | None = None
+
+
+_SCALARS: dict[type, dict[str, Any]] = {
+    msgspec.inspect.BoolType: {"type": "boolean"},
+    msgspec.inspect.IntType: {"type": "integer"},
+    msgspec.inspect.FloatType: {"type": "number"},
+    msgspec.inspect.StrType: {"type": "string"},
+    msgspec.inspect.BytesType: {"type": "string", "contentEncoding": "base64"},
 }
 
 
-def _field(owner: str, name: str, kind: msgspec.inspect.Type) -> tuple[Field, tuple[float, float] | None]:
-    unit, bounds = "", None
+def _field(owner: str, name: str, kind: msgspec.inspect.Type) -> _Field:
+    if isinstance(kind, msgspec.inspect.ListType):
+        item = _field(owner, f"{name}[]", kind.item_type)
+        if kind_of(item.schema) in (FieldKind.LIST, FieldKind.ARRAY, FieldKind.BYTES):
+            raise _refused(owner, name, kind.item_type)
+        return item._replace(schema={"type": "array", "items": item.schema})
+    unit, bounds = {}, None
     if isinstance(kind, msgspec.inspect.Metadata):
-        unit = (kind.extra_json_schema or {}).get("x-unit", "")
+        unit = {"x-unit": found} if (found := (kind.extra_json_schema or {}).get("x-unit")) else {}
         bounds = (kind.extra or {}).get("bounds")
         kind = kind.type
-    suffix = ""
-    if isinstance(kind, msgspec.inspect.ListType):
-        suffix, kind = "[]", kind.item_type
-        if isinstance(kind, msgspec.inspect.Metadata):
-            unit = (kind.extra_json_schema or {}).get("x-unit", "")
-            kind = kind.type
-    if isinstance(kind, msgspec.inspect.CustomType) and kind.cls is np.ndarray and not suffix:
-        return Field(name, "float64[]", unit, packed=True), bounds
+    if isinstance(kind, msgspec.inspect.CustomType) and kind.cls is np.ndarray:
+        return _Field({**_SCALARS[msgspec.inspect.BytesType], "x-dtype": FLOAT64_DTYPE, **unit}, bounds)
     if isinstance(kind, msgspec.inspect.StructType) and isinstance(kind.cls, MessageMeta):
         nested = schema_of(kind.cls)
-        return Field(name, nested.name + suffix, unit, nested), None
-    text = _SCALARS.get(type(kind))
-    if text is None or (suffix and text.endswith("[]")):
-        raise SchemaMismatch(
-            f"{owner}.{name}: {type(kind).__name__} cannot be a message field; "
-            "use bool, int, float, str, bytes, a unit alias, a message, or a list of those"
-        )
-    return Field(name, text + suffix, unit), None
+        return _Field(nested.json_schema, None, nested)
+    if type(kind) not in _SCALARS:
+        raise _refused(owner, name, kind)
+    return _Field({**_SCALARS[type(kind)], **unit})
+
+
+def _refused(owner: str, name: str, kind: msgspec.inspect.Type) -> SchemaMismatch:
+    return SchemaMismatch(
+        f"{owner}.{name}: {type(kind).__name__} cannot be a message field; "
+        "use bool, int, float, str, bytes, a unit alias, a message, or a list of those"
+    )
 
 
 _SQUARED_AT_LEAST, _SQUARED_AT_MOST = 1e-140, 1e150  # beyond, a square is 0 or not exact, or infinite
@@ -117,11 +119,16 @@ def _check(
     return check
 
 
-def _canonical(fields: list[Field]) -> Callable[[Any], Any] | None:
+def _canonical(fields: dict[str, _Field]) -> Callable[[Any], Any] | None:
     """Return a function that makes float of every int in a float field, equal values are then equal bytes."""
-    floats = [f.name for f in fields if f.type == "float64"]
-    lists = [f.name for f in fields if f.type == "float64[]" and not f.packed]
-    nested = [(f.name, f.nested.canonical) for f in fields if f.nested is not None and f.nested.canonical]
+    kinds = {name: kind_of(field.schema) for name, field in fields.items()}
+    floats = [name for name, kind in kinds.items() if kind is FieldKind.FLOAT]
+    lists = [
+        name
+        for name, kind in kinds.items()
+        if kind is FieldKind.LIST and kind_of(items_of(fields[name].schema)) is FieldKind.FLOAT
+    ]
+    nested = [(name, f.nested.canonical) for name, f in fields.items() if f.nested and f.nested.canonical]
     if not floats and not lists and not nested:
         return None
 
@@ -164,59 +171,26 @@ def schema_of(cls: type) -> Schema:
 def _make_schema(cls: type) -> Schema:
     info = msgspec.inspect.type_info(cls)
     assert isinstance(info, msgspec.inspect.StructType)
-    fields, bounded = [], {}
-    for item in info.fields:
-        field, bounds = _field(cls.__name__, item.name, item.type)
-        fields.append(field)
-        if bounds is not None:
-            bounded[field.name] = bounds
-    nested = {f.name: f.nested for f in fields if f.nested is not None and f.nested.check is not None}
-    canonical = f"{cls.__name__}(" + ",".join(
-        f"{f.name}:{'bin ' * f.packed}{f.type}:{f.unit}:{f.nested.type_hash if f.nested else ''}"
-        for f in fields
+    fields = {item.name: _field(cls.__name__, item.name, item.type) for item in info.fields}
+    json_schema = {
+        "title": cls.__name__,
+        "description": (cls.__doc__ or "").strip().partition("\n")[0],
+        "type": "object",
+        "properties": {name: field.schema for name, field in fields.items()},
+        "required": list(fields),
+    }
+    hashed = ",".join(
+        f"{name}:{'bin ' * is_array(field.schema)}{ros_type(name, field.schema)}:{unit_of(field.schema)}"
+        f":{field.nested.type_hash if field.nested else ''}"
+        for name, field in fields.items()
     )
-    digest = hashlib.blake2b(canonical.encode(), digest_size=8).digest()
-    check = _check(cls, bounded, nested) if bounded or nested else None
+    digest = hashlib.blake2b(f"{cls.__name__}({hashed}".encode(), digest_size=8).digest()
+    bounded = {name: field.bounds for name, field in fields.items() if field.bounds is not None}
+    checked = {name: field.nested for name, field in fields.items() if field.nested and field.nested.check}
     return Schema(
         name=cls.__name__,
-        doc=(cls.__doc__ or "").strip().splitlines()[0] if cls.__doc__ else "",
-        fields=tuple(fields),
+        json_schema=json_schema,
         type_hash=int.from_bytes(digest, "little"),
-        check=check,
+        check=_check(cls, bounded, checked) if bounded or checked else None,
         canonical=_canonical(fields),
     )
-
-
-_JSON: dict[str, dict[str, Any]] = {
-    "bool": {"type": "boolean"},
-    "int64": {"type": "integer"},
-    "float64": {"type": "number"},
-    "string": {"type": "string"},
-    "uint8[]": {"type": "string", "contentEncoding": "base64"},
-}
-
-
-def json_schema(schema: Schema) -> dict[str, Any]:
-    """Return the JSON Schema: an object at the root, nested messages inlined, arrays as base64."""
-    properties: dict[str, Any] = {}
-    for field in schema.fields:
-        base = field.type.removesuffix("[]")
-        if field.nested is not None:
-            entry = json_schema(field.nested)
-        elif field.type in _JSON:
-            entry = dict(_JSON[field.type])
-        elif field.packed:
-            entry = {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}
-        else:
-            entry = dict(_JSON[base])
-        is_list = field.type.endswith("[]") and field.type not in _JSON and not field.packed
-        if field.unit:
-            entry["x-unit"] = field.unit
-        properties[field.name] = {"type": "array", "items": entry} if is_list else entry
-    return {
-        "title": schema.name,
-        "description": schema.doc,
-        "type": "object",
-        "properties": properties,
-        "required": [f.name for f in schema.fields],
-    }

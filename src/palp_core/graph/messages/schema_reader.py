@@ -41,16 +41,16 @@ _KINDS = {
 
 
 def kind_of(schema: JsonSchema) -> FieldKind:
-    said = schema.get("type")
+    name = schema.get("type")
     if is_array(schema):
         return FieldKind.ARRAY
-    if said == "string" and schema.get("contentEncoding"):
+    if name == "string" and schema.get("contentEncoding"):
         return FieldKind.BYTES
-    if said == "object":
+    if name == "object":
         return FieldKind.MESSAGE if "properties" in schema else FieldKind.MAP
-    if not isinstance(said, str | None) or said not in _KINDS:
-        raise SchemaMismatch(f"the schema's type '{said}' is not a message's")
-    return _KINDS[said]
+    if not isinstance(name, str | None) or name not in _KINDS:
+        raise SchemaMismatch(f"the schema's type '{name}' is not a message's")
+    return _KINDS[name]
 
 
 def is_array(schema: JsonSchema) -> bool:
@@ -64,13 +64,13 @@ def has_elements(schema: JsonSchema) -> bool:
 
 
 def fields_of(schema: JsonSchema) -> dict[str, dict[str, Any]]:
-    """Return the schemas of an object's fields by name, in order; none where they are not told."""
+    """Return the schemas of an object's fields by name, in order; none where the schema has none."""
     found: dict[str, dict[str, Any]] = schema.get("properties", {})
     return found
 
 
 def items_of(schema: JsonSchema) -> dict[str, Any]:
-    """Return the schema of an element of a list or a numeric array; none where it is not told."""
+    """Return the schema of an element of a list or a numeric array; none where the schema has none."""
     if is_array(schema):
         return {"type": "number", **{k: v for k, v in schema.items() if k == "x-unit"}}
     found: dict[str, Any] = schema.get("items", {})
@@ -91,33 +91,33 @@ def nested(schema: JsonSchema) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for field in fields_of(schema).values():
         inner = items_of(field) or field
-        if fields_of(inner):
+        if "properties" in inner:
             found += [schema for schema in (*nested(inner), inner) if schema not in found]
     return found
 
 
-def ros_text(schema: JsonSchema, type_name: Callable[[JsonSchema], str] = lambda s: str(s["title"])) -> str:
+def title_of(schema: JsonSchema) -> str:
+    return str(schema["title"])
+
+
+def ros_text(schema: JsonSchema, type_name: Callable[[JsonSchema], str] = title_of) -> str:
     """Return a message in ROS ``.msg`` form, units as comments; messages within it are named only."""
-    return "".join(
-        f"{ros_type(name, field, type_name)} {name}{unit_comment(field)}\n"
-        for name, field in fields_of(schema).items()
-    )
+    text = ""
+    for name, field in fields_of(schema).items():
+        unit = unit_of(field)
+        text += f"{ros_type(name, field, type_name)} {name}{f'  # {unit}' if unit else ''}\n"
+    return text
 
 
-def ros_type(name: str, schema: JsonSchema, type_name: Callable[[JsonSchema], str]) -> str:
+def ros_type(name: str, schema: JsonSchema, type_name: Callable[[JsonSchema], str] = title_of) -> str:
     """Return a field's type as ``.msg`` has it; see :func:`ros_text`."""
     kind = kind_of(schema)
-    if kind is FieldKind.MESSAGE and fields_of(schema):
+    if kind is FieldKind.MESSAGE:
         return type_name(schema)
     if kind is FieldKind.LIST and not has_elements(items_of(schema)):
         inner = ros_type(name, items_of(schema), type_name)
         if not inner.endswith("[]"):
             return f"{inner}[]"
-    if kind in (FieldKind.LIST, FieldKind.MESSAGE, FieldKind.MAP, FieldKind.ANY):
+    if kind in (FieldKind.LIST, FieldKind.MAP, FieldKind.ANY):
         raise SchemaMismatch(f"{name}: a ROS message cannot say this: {schema}")
     return kind.value
-
-
-def unit_comment(schema: JsonSchema) -> str:
-    unit = unit_of(schema)
-    return f"  # {unit}" if unit else ""

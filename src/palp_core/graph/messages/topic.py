@@ -39,12 +39,12 @@ def topic_of(
     name: str, message: type[Message], node: str = "", publish: str = "", latched_depth: int = 0
 ) -> Topic:
     """Return the topic of that name that carries messages of this class."""
-    from palp_core.graph.messages.schema import json_schema, schema_of  # numpy; many tools do without
+    from palp_core.graph.messages.schema import schema_of  # numpy; many tools do without
 
     schema = schema_of(message)
     return Topic(
         name=name, type=schema.name, type_hash=schema.hash_text, node=node, publish=publish,
-        json_schema=json_schema(schema), latched_depth=latched_depth,
+        json_schema=schema.json_schema, latched_depth=latched_depth,
     )  # fmt: skip
 
 
@@ -58,9 +58,8 @@ class MessageType(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, message: type[Message]) -> MessageType:
-        from palp_core.graph.messages.schema import json_schema, schema_of  # as above
+        from palp_core.graph.messages.schema import schema_of  # as above
         from palp_core.graph.messages.schema_reader import ros_text
 
         schema = schema_of(message)
-        described = json_schema(schema)
-        return cls(schema.name, schema.hash_text, ros_text(described), described)
+        return cls(schema.name, schema.hash_text, ros_text(schema.json_schema), schema.json_schema)

@@ -9,7 +9,7 @@ from palp_core.errors import NodeError, PalpError, SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import decode_any, encode_any
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
@@ -352,7 +352,7 @@ class SwapParticipant:
 
     def _begin_shadow(self, publish: str, published: Mapping[str, int]) -> None:
         publishers = self._executor.ends.publishers.items()
-        arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in publishers}
+        arrays = {name: array_fields(schema_of(out.message).json_schema) for name, out in publishers}
         self._comparison = ShadowComparison(published, arrays)
         self._sockets.publisher.hold(self._comparison.new)
         if publish:

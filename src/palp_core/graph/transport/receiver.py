@@ -11,6 +11,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.qos import MOST_UNREAD, strictest
 from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Lifecycle
@@ -290,7 +291,7 @@ def _queue(subscriptions: Mapping[str, list[Subscription]]) -> int:
     The rest waits at the publisher, which counts the bytes of large ones; what it has no room for is a gap.
     """
     several = itertools.chain.from_iterable(subscriptions.values())
-    arrays = any(field.packed for subscription in several for field in schema_of(subscription.message).fields)
+    arrays = any(array_fields(schema_of(subscription.message).json_schema) for subscription in several)
     return ARRAY_QUEUE if arrays else RECEIVE_QUEUE
 
 

@@ -17,7 +17,7 @@ from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.identification.emg.files import read_emg
@@ -135,7 +135,7 @@ def bag_of(folder: Path, blocks: list[EmgBlock]) -> Path:
         name="/emg/block",
         type=schema.name,
         type_hash=f"{schema.type_hash:016x}",
-        json_schema=json_schema(schema),
+        json_schema=schema.json_schema,
         latched_depth=0,
     )
     recorder = BagRecorder(BagWriter(folder))
