@@ -18,6 +18,7 @@ from palp_core import __version__
 from palp_core.cli.lazy import LazyGroup, load
 from palp_core.cli.main import app
 
+GOLDEN = Path(__file__).parents[1] / "golden/emg.mcap"
 LONGEST_LINE = 60
 MOST_AT_TOP = 28
 
@@ -51,17 +52,17 @@ def test_every_verb_loads_and_its_line_is_short_and_whole() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "status", "said"),
+    ("words", "status", "text"),
     [
         (("topci",), 2, "Did you mean 'topic'"),
         (("topic", "ehco"), 2, "Did you mean 'echo'"),
         (("--version",), 0, f"palp {__version__}\n"),
     ],
 )
-def test_a_misspelt_verb_gets_the_nearest_name(words: tuple[str, ...], status: int, said: str) -> None:
+def test_a_misspelt_verb_gets_the_nearest_name(words: tuple[str, ...], status: int, text: str) -> None:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == status
-    assert said in done.output
+    assert text in done.output
 
 
 def test_ctrl_c_before_the_first_verb_is_read_ends_without_a_traceback() -> None:
@@ -79,9 +80,8 @@ def test_ctrl_c_before_the_first_verb_is_read_ends_without_a_traceback() -> None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_a_full_disk_is_said_without_a_traceback(tmp_path: Path) -> None:
-    (tmp_path / "run.mcap").touch()
-    command = [sys.executable, "-m", "palp_core", "bag", "list", str(tmp_path)]
+def test_a_full_disk_is_reported_without_a_traceback() -> None:
+    command = [sys.executable, "-m", "palp_core", "bag", "echo", str(GOLDEN), "-n", "1"]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, "the output cannot be written: No space left on device\n")

@@ -31,33 +31,37 @@ def content(bag: Path) -> Content:
 
 
 def check(path: Path, original: Content, out: Path) -> tuple[int, bool]:
-    """Return how many messages were recovered and whether reading told of the damage."""
-    told = False
+    """Return how many messages were recovered and whether reading reported the damage."""
+    reported = False
     try:
         with Bag(path) as bag:
-            told = bool(bag.problems)
+            reported = bool(bag.problems)
             count = 0
             for m in bag.recorded():
                 key = (m.stream.topic.name, m.stream.epoch, m.sequence)
                 assert original[key] == (m.log_ns, m.publish_ns, m.payload)
                 count += 1
-            assert told or count == len(original)
-            assert set(bag.attachments().values()) <= {b"graph: rig\n"} or told or len(bag.attachments()) == 2
+            assert reported or count == len(original)
+            assert (
+                set(bag.attachments().values()) <= {b"graph: rig\n"}
+                or reported
+                or len(bag.attachments()) == 2
+            )
     except BagError:
-        told = True
+        reported = True
     try:
-        assert not (told and bag_info(path).healthy)
+        assert not (reported and bag_info(path).healthy)
     except BagError:
-        assert told
+        assert reported
     try:
         report = recover(path, out)
     except BagError:
         assert not out.exists()
-        return 0, told
+        return 0, reported
     saved = content(out)
     assert all(original[key] == value for key, value in saved.items())
     assert sum(report.message_count.values()) == len(saved)
-    return len(saved), told
+    return len(saved), reported
 
 
 def flips(bag: Path, folder: Path, count: int, seed: int) -> None:
@@ -82,9 +86,9 @@ def truncations(bag: Path, folder: Path, count: int, seed: int) -> None:
         size = int(rng.integers(len(data)))
         path = folder / f"{place}.mcap"
         path.write_bytes(data[:size])
-        saved, told = check(path, original, folder / f"saved{place}")
+        saved, reported = check(path, original, folder / f"saved{place}")
         whole = sum(end <= size for end, _ in ends)
-        assert told
+        assert reported
         assert saved >= (counts[whole - 1] if whole else 0)
 
 

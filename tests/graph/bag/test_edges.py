@@ -1,7 +1,6 @@
 import io
 import re
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ from palp_core.errors import BagError, SchemaMismatch
 from palp_core.extras import install_line
 from palp_core.graph.bag.edit import rewrite
 from palp_core.graph.bag.forms import convert
-from palp_core.graph.bag.mcap.chunk import open_chunk, split_chunk
-from palp_core.graph.bag.mcap.compression import compressor, decompress
+from palp_core.graph.bag.mcap.chunk import compressor, decompress, open_chunk, split_chunk
 from palp_core.graph.bag.mcap.records import (
     Attachment,
     Metadata,
@@ -28,23 +26,6 @@ from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recover import recover
 from palp_core.graph.bag.ros2.import_bag import import_bag
 from palp_core.graph.messages.schema_types import plain, type_from_schema
-
-
-@pytest.mark.parametrize("name", ["zstd", "lz4"])
-def test_threads_decompress_at_once_what_each_has(name: str) -> None:
-    chunks = [
-        np.random.default_rng(number).integers(0, 20, 200_000, np.uint8).tobytes() for number in range(4)
-    ]
-    stored_name, compress = compressor(name)  # type: ignore[arg-type]
-    stored = [bytes(compress(chunk)) for chunk in chunks]
-
-    def same(number: int) -> bool:
-        return all(
-            decompress(stored_name, stored[number], len(chunks[number])) == chunks[number] for _ in range(100)
-        )
-
-    with ThreadPoolExecutor(len(chunks)) as threads:
-        assert all(threads.map(same, range(len(chunks))))
 
 
 def test_a_chunk_that_lies_about_its_size_is_refused() -> None:
@@ -74,7 +55,7 @@ def test_records_that_make_no_sense_or_changed_are_refused() -> None:
         with pytest.raises(ValueError, match=words):
             split_chunk(records, ignore)
     assert split_chunk(b"\x05" + bytes(4), ignore, torn=True) == []
-    with pytest.raises(ValueError, match="stands where a chunk"):
+    with pytest.raises(ValueError, match="is not a chunk"):
         open_chunk(b"\x05" + bytes(60))
     packed = bytearray(pack(Attachment(0, 0, "a", "", b"hello"))[9:])
     packed[-6] ^= 1

@@ -45,7 +45,7 @@ BEAT, MOVED = Kind.HEARTBEAT, Kind.MOVED
 
 
 @pytest.mark.parametrize(
-    ("heard", "late", "count", "gaps"),
+    ("received", "late", "count", "gaps"),
     [
         pytest.param([1, 2, 5, 6, (1, 1), (1, 2)], False, 6, [Gap(0, 3, 4)], id="a restart is no gap"),
         pytest.param([1, (1, 3)], False, 2, [Gap(1, 1, 2)], id="a restart that begins late"),
@@ -55,23 +55,23 @@ BEAT, MOVED = Kind.HEARTBEAT, Kind.MOVED
         pytest.param([7, 8], True, 2, [], id="a late recorder counts from what it meets"),
         pytest.param([7], False, 1, [Gap(0, 1, 6)], id="one that is not late misses the beginning"),
         pytest.param([(0, 4, BEAT), 6], True, 1, [Gap(0, 5, 5)], id="a late one meets a heartbeat"),
-        pytest.param([1, 4, 2, 3, 3], False, 4, [], id="late fillings and repeats are told apart"),
+        pytest.param([1, 4, 2, 3, 3], False, 4, [], id="late fillings and repeats differ"),
     ],
 )
 def test_each_message_is_in_the_bag_or_in_a_gap_that_was_named_once(
-    tmp_path: Path, kit: Any, heard: list[Any], late: bool, count: int, gaps: list[Gap]
+    tmp_path: Path, kit: Any, received: list[Any], late: bool, count: int, gaps: list[Gap]
 ) -> None:
     recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=not late)
     missed: list[Gap] = []
     recorder.missed = lambda _, *gap: missed.append(Gap(*gap))
-    for now_ns, entry in enumerate(heard):
+    for now_ns, entry in enumerate(received):
         epoch, sequence, kind = (0, entry, Kind.DATA) if isinstance(entry, int) else (*entry, Kind.DATA)[:3]
         for _ in range(1 if kind == Kind.DATA else 2):
             recorder(now_ns, mode(kit, sequence, epoch=epoch, kind=kind))
     summary = recorder.close()
     topic = summary.topics[MODE]
     assert (topic.count, topic.lost, topic.gaps) == (count, sum(gap.count for gap in gaps), gaps)
-    numbers = [entry for entry in heard if isinstance(entry, int)]
+    numbers = [entry for entry in received if isinstance(entry, int)]
     assert topic.repeated == len(numbers) - len(set(numbers))
     assert set(gaps) <= set(missed)
     assert len(set(missed)) == len(missed)
@@ -126,7 +126,7 @@ def test_foreign_frames_and_unknown_types_lose_nothing(tmp_path: Path, kit: Any)
     assert values[2].level == 0.0
 
 
-def test_a_stamp_before_the_start_is_refused_and_told(tmp_path: Path, kit: Any) -> None:
+def test_a_stamp_before_the_start_is_refused_and_counted(tmp_path: Path, kit: Any) -> None:
     early = kit.frame("/policy/mode", kit.Mode(stamp_ns=0, level=0.0), 2, -5)
     summary = recorded(kit, tmp_path / "run", [mode(kit, 1), early, mode(kit, 3)])
     assert summary.topics["/policy/mode"].refused == 1

@@ -196,23 +196,6 @@ def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
         raise typer.Exit(1)
 
 
-@app.command("list")
-def list_bags(
-    folder: Annotated[Path, argument("Where to look.")] = Path(), *, as_json: JsonOption = False
-) -> None:
-    """List the bags in a folder."""
-    sizes = {
-        str(path): [file.stat().st_size for file in files]
-        for path in sorted(folder.iterdir() if folder.is_dir() else [])
-        if (files := sorted(path.glob("*.mcap")) if path.is_dir() else [path] * (path.suffix == ".mcap"))
-    }
-    show(
-        [{"name": name, "files": len(of), "size_bytes": sum(of)} for name, of in sizes.items()],
-        (f"{name}  {counted(len(of), 'file')}  {_size(sum(of))}" for name, of in sizes.items()),
-        as_json=as_json,
-    )
-
-
 @app.command("recover")
 def recover(
     bag: BagArgument,

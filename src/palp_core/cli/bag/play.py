@@ -135,7 +135,7 @@ def play(
 
 
 def check_topics(topics: Collection[str], *bags: Path) -> None:
-    """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before."""
+    """Check that every topic is in one of the bags; a bag that was not finished does not show it before."""
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.problems import hint
 

@@ -5,7 +5,7 @@ import heapq
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from palp_core.graph.bag.mcap.compression import Compression
+from palp_core.graph.bag.mcap.chunk import Compression
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.stream import Stream

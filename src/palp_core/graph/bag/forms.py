@@ -12,7 +12,7 @@ import msgspec
 from palp_core.errors import BagError
 from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign
-from palp_core.graph.bag.mcap.compression import Compression
+from palp_core.graph.bag.mcap.chunk import Compression
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.stream import Stream, decoder_for
 from palp_core.graph.bag.writer import BagWriter

@@ -49,9 +49,9 @@ class BagInfo(msgspec.Struct, kw_only=True):
 
     Attributes:
         start_s: First log time on the graph's clock.
-        complete: No message is missing, as far as the bag can tell.
+        complete: No message is missing, as far as the bag shows.
         healthy: Every file was closed and every CRC matches.
-        problems: What is wrong, in words.
+        problems: What is wrong.
         accounted: The recorder's own account is in the bag, so that lost tails show.
     """
 

@@ -101,7 +101,7 @@ def _begins_as_mcap(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
     except OSError:
-        return True  # whoever reads it says why it cannot be
+        return True  # reading it raises the reason
 
 
 def in_order(folder: Path) -> list[Path]:

@@ -110,7 +110,7 @@ class Bag(AbstractContextManager["Bag"]):
         return dict(sorted(found.items()))
 
     def stream(self, file: int, channel: int) -> Stream:
-        """Return what a channel of a file stands for."""
+        """Return the stream of a channel of a file."""
         known = self._streams[file].get(channel)
         if known is None:
             reader = self.files[file]
@@ -142,24 +142,18 @@ class Bag(AbstractContextManager["Bag"]):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[BagMessage]:
         """Iterate decoded messages; the arguments are those of :func:`read`."""
-        ways: dict[tuple[int, int], tuple[str, int, int, Callable[[bytes], Any]]] = {}
-        decoders: dict[tuple[Any, ...], Callable[[bytes], Any]] = {}
-        for place, raw in self._raw(topics, start_ns, end_ns):
-            for channel, sequence, log_ns, publish_ns, payload in raw:
-                way = ways.get((place, channel))
-                if way is None:
-                    stream = self._streams[place][channel]
-                    if stream.key not in decoders:
-                        decoders[stream.key] = decoder_for(stream)
-                    high = stream.sequence_high << 32
-                    way = ways[place, channel] = (stream.topic.name, stream.epoch, high, decoders[stream.key])
-                name, epoch, high, decode = way
-                try:
-                    value = decode(payload)
-                except (msgspec.MsgspecError, ValueError) as error:
-                    where = f"{self.path}: {name} epoch {epoch} sequence {high | sequence}"
-                    raise BagError(f"{where}: not what its schema says: {error}") from error
-                yield BagMessage(name, epoch, high | sequence, log_ns, publish_ns, value)
+        decoders: dict[int, Callable[[bytes], Any]] = {}  # by identity: streams live as long as the bag
+        for stream, sequence, log_ns, publish_ns, payload in self.recorded(topics, start_ns, end_ns):
+            decode = decoders.get(id(stream))
+            if decode is None:
+                decode = decoders[id(stream)] = decoder_for(stream)
+            name, epoch = stream.topic.name, stream.epoch
+            try:
+                value = decode(payload)
+            except (msgspec.MsgspecError, ValueError) as error:
+                where = f"{self.path}: {name} epoch {epoch} sequence {sequence}"
+                raise BagError(f"{where}: not what its schema says: {error}") from error
+            yield BagMessage(name, epoch, sequence, log_ns, publish_ns, value)
 
     def attachments(self) -> dict[str, bytes]:
         """Return the attachments by name; of the same name, the latest file's."""
@@ -225,7 +219,7 @@ def read(
 
     Raises:
         BagError: No such bag, no such topic, or a payload that is not what its schema says.
-        BagDamaged: The bytes are not what was written; all that stands before it has been yielded.
+        BagDamaged: The bytes are not what was written; all messages before them have been yielded.
     """
     with Bag(bag) as opened:
         if topics is not None and all(file.closed for file in opened.files):
@@ -280,9 +274,12 @@ def _dig(message: BagMessage, field: str) -> Any:
 def topic_selection(
     topics: Collection[str] = (), regex: str | None = None, exclude_regex: str | None = None
 ) -> Callable[[str], bool]:
-    """Return the function that tells whether a topic is chosen: by default all; what is excluded never is."""
+    """Return the test whether a topic is chosen: by default all are; an excluded one never is."""
     names = set(topics)
-    wanted, unwanted = _compiled(regex), _compiled(exclude_regex)
+    try:
+        wanted, unwanted = (re.compile(text) if text else None for text in (regex, exclude_regex))
+    except re.error as error:
+        raise BagError(f"'{error.pattern!s}' is not a regular expression: {error}") from error
 
     def chosen(topic: str) -> bool:
         if unwanted is not None and unwanted.search(topic):
@@ -292,10 +289,3 @@ def topic_selection(
         return topic in names or (wanted is not None and wanted.search(topic) is not None)
 
     return chosen
-
-
-def _compiled(text: str | None) -> re.Pattern[str] | None:
-    try:
-        return None if text is None else re.compile(text)
-    except re.error as error:
-        raise BagError(f"'{text}' is not a regular expression: {error}") from error

@@ -1,10 +1,8 @@
 """Record raw wire frames into a bag, with an account of what is missing."""
 
-import struct
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 
@@ -14,15 +12,11 @@ from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
-from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic, topic_of
 
 SUMMARY_NAME, RECOVERED_NAME = "palp/recording.json", "palp/recovered.json"
-_KEY_BYTES = 9
-"""NUL, version, kind, reserved and epoch: with the topic before them, what tells one stream from another."""
-_PAYLOAD_BYTES = 1 + HEADER_BYTES
-_REST = struct.Struct("<QqQ")
 
 
 class TopicRecording(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,19 +40,19 @@ class TopicRecording(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a recording holds and what it lacks; it stands in the bag as ``palp/recording.json``."""
+    """What a recording holds and what it lacks; in the bag as ``palp/recording.json``."""
 
     topics: dict[str, TopicRecording]
     unreadable: int = 0
     """Frames that are not of this wire version, or no frames at all."""
-    unheard: list[str] = []
+    silent: list[str] = []
     """Topics of which no frame came."""
 
     @property
     def complete(self) -> bool:
         return (
             not self.unreadable
-            and not self.unheard
+            and not self.silent
             and not any(t.lost or t.refused for t in self.topics.values())
         )
 
@@ -78,18 +72,9 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
                 lines.append(f"{name}: {topic.refused} stamped before the graph's start, not recorded")
         if self.unreadable:
             lines.append(f"{counted(self.unreadable, 'frame')} could not be read")
-        if self.unheard:
-            lines.append(f"never heard: {', '.join(self.unheard)}")
+        if self.silent:
+            lines.append(f"no message: {', '.join(self.silent)}")
         return "\n".join(lines if not self.complete else [lines[0] + ", nothing missing"])
-
-
-class _Route(NamedTuple):
-    topic: str
-    stream: int
-    account: EpochAccount
-    payload_offset: int
-    type_hash: int
-    sequence_high: int
 
 
 class BagRecorder(AbstractContextManager["BagRecorder"]):
@@ -112,13 +97,14 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._select = select
         self._accounts: dict[str, TopicAccount] = {}
         self._from_start = from_start
-        self._routes: dict[bytes, _Route] = {}
+        self._left_out: set[str] = set()
+        self._streams: dict[tuple[str, int, int, int], int] = {}
         self._refused: dict[str, int] = {}
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
         # Takes each gap when it shows, for :meth:`fill`: topic, epoch, first and last sequence.
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
-        self.unheard: list[str] = []  # topics of which no frame came, for the account
+        self.silent: list[str] = []  # topics of which no frame came, for the account
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
 
@@ -131,7 +117,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._topics[topic.name] = topic
 
     def expect_from(self, topic: str, epoch: int, first: int) -> None:
-        """Expect a topic to begin no later than with a sequence, whatever is heard first."""
+        """Expect a topic to begin no later than with a sequence, whatever comes first."""
         account = self._accounts.setdefault(topic, TopicAccount(from_start=self._from_start))
         last = account.epochs.setdefault(epoch, EpochAccount(epoch, first)).expect_from(first)
         if last is not None:
@@ -146,34 +132,29 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
         """Record a frame as it is on the wire; now on the graph's clock."""
-        end = frame.find(0)
-        route = self._routes.get(frame[: end + _KEY_BYTES])
-        if route is None:
-            self._open_route(now_ns, frame, end)
-            return
         try:
-            sequence, stamp_ns, type_hash = _REST.unpack_from(frame, end + _KEY_BYTES)
-        except struct.error:
+            parsed = parse(frame)
+        except SchemaMismatch:
             self._unreadable += 1
             return
-        if (
-            type_hash != route.type_hash
-            or sequence >> 32 != route.sequence_high
-            or stamp_ns < 0
-            or now_ns < 0
-        ):
-            self._open_route(now_ns, frame, end)
+        account = self._account_of(parsed.topic)
+        if account is None:
             return
-        account = route.account
-        if sequence == account.next:
-            account.next = sequence + 1
-            account.count += 1
+        epoch, sequence = account.epoch(parsed.epoch), parsed.sequence
+        last = sequence - (parsed.kind == Kind.DATA)
+        if epoch.next is not None and last >= epoch.next:
+            self.missed(parsed.topic, parsed.epoch, epoch.next, last)
+        if parsed.kind != Kind.DATA:
+            epoch.expect(sequence)
+            return
+        stream = self._stream_of(parsed)
+        try:
+            self._writer.write(stream, sequence, now_ns, parsed.stamp_ns, parsed.payload)
+        except BagError:
+            self._refused[parsed.topic] = self._refused.get(parsed.topic, 0) + 1
+            epoch.expect(sequence)
         else:
-            self._look_for_gap(route.topic, account, sequence - 1)
-            account.add(sequence)
-        self._writer.write(
-            route.stream, sequence, now_ns, stamp_ns, memoryview(frame)[route.payload_offset :]
-        )
+            epoch.add(sequence)
 
     def tick(self, now_ns: int) -> None:
         """Say what time it is on the machine's monotonic clock, at least every 0.1 s."""
@@ -195,7 +176,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
                 refused=refused,
                 described=name in self._topics,
             )
-        return RecordingSummary(topics=topics, unreadable=self._unreadable, unheard=self.unheard)
+        return RecordingSummary(topics=topics, unreadable=self._unreadable, silent=self.silent)
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -213,45 +194,29 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         """Leave the bag as a crash would: it cannot be written any more."""
         self._writer.abandon()
 
-    def _open_route(self, now_ns: int, frame: bytes, end: int) -> None:
-        """Take a frame that is not the next one of a known stream."""
-        try:
-            parsed = parse(frame)
-        except SchemaMismatch:
-            self._unreadable += 1
-            return
-        if self._select is not None and not self._select(parsed.topic):
-            return
-        account = self._accounts.setdefault(parsed.topic, TopicAccount(from_start=self._from_start))
-        epoch = account.epoch(parsed.epoch)
-        self._look_for_gap(parsed.topic, epoch, parsed.sequence - (parsed.kind == Kind.DATA))
-        if parsed.kind != Kind.DATA:
-            epoch.expect(parsed.sequence)
-            return
-        type_hash = f"{parsed.type_hash:016x}"
-        topic = self._topics.get(parsed.topic)
-        if topic is None:
-            topic = _builtin(parsed.topic, parsed.type_hash)
-            if topic is not None:
-                self._topics[parsed.topic] = topic
-        if topic is None or (topic.type_hash and topic.type_hash != type_hash):
-            topic = Topic(name=parsed.topic, type_hash=type_hash)
-        high = parsed.sequence >> 32
-        number = self._writer.stream(Stream(topic=topic, epoch=parsed.epoch, sequence_high=high))
-        route = _Route(parsed.topic, number, epoch, end + _PAYLOAD_BYTES, parsed.type_hash, high)
-        self._routes[frame[: end + _KEY_BYTES]] = route
-        try:
-            self._writer.write(number, parsed.sequence, now_ns, parsed.stamp_ns, parsed.payload)
-        except BagError:
-            self._refused[parsed.topic] = self._refused.get(parsed.topic, 0) + 1
-            epoch.expect(parsed.sequence)
-        else:
-            epoch.add(parsed.sequence)
+    def _account_of(self, topic: str) -> TopicAccount | None:
+        """Return a topic's account; None: it is not recorded."""
+        if topic not in self._accounts:
+            if topic in self._left_out or not (self._select is None or self._select(topic)):
+                self._left_out.add(topic)
+                return None
+            self._accounts[topic] = TopicAccount(from_start=self._from_start)
+        return self._accounts[topic]
 
-    def _look_for_gap(self, topic: str, account: EpochAccount, last: int) -> None:
-        """Say what is missing up to a sequence, before it is in the account."""
-        if account.next is not None and last >= account.next:
-            self.missed(topic, account.epoch, account.next, last)
+    def _stream_of(self, frame: Frame) -> int:
+        """Return the number of the stream that a message belongs to."""
+        key = (frame.topic, frame.epoch, frame.type_hash, frame.sequence >> 32)
+        number = self._streams.get(key)
+        if number is None:
+            topic = self._topics.get(frame.topic) or _builtin(frame.topic, frame.type_hash)
+            if topic is not None:
+                self._topics[frame.topic] = topic
+            type_hash = f"{frame.type_hash:016x}"
+            if topic is None or (topic.type_hash and topic.type_hash != type_hash):
+                topic = Topic(name=frame.topic, type_hash=type_hash)
+            stream = Stream(topic=topic, epoch=frame.epoch, sequence_high=frame.sequence >> 32)
+            number = self._streams[key] = self._writer.stream(stream)
+        return number
 
 
 def _builtin(name: str, type_hash: int) -> Topic | None:

@@ -8,8 +8,7 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import BagError
 from palp_core.graph.bag.account import TopicAccount
-from palp_core.graph.bag.mcap.chunk import RawMessage
-from palp_core.graph.bag.mcap.compression import Compression
+from palp_core.graph.bag.mcap.chunk import Compression, RawMessage
 from palp_core.graph.bag.mcap.salvage import Salvage, salvage
 from palp_core.graph.bag.metadata import bag_files, in_order, missing_files
 from palp_core.graph.bag.recorder import RECOVERED_NAME, SUMMARY_NAME
@@ -27,7 +26,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
             last ones), or, of another program, from a chunk without a CRC or outside any chunk.
         unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
-        complete: Nothing was lost, as far as the damaged bag can tell.
+        complete: Nothing was lost, as far as the damaged bag shows.
         orphan_count: Messages whose topic is no longer known; they are not saved.
     """
 

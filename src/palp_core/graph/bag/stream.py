@@ -1,4 +1,4 @@
-"""What a bag knows about a topic, and how that stands in an MCAP channel.
+"""What a bag knows about a topic, and how an MCAP channel has it.
 
 A channel holds the messages of one topic, one epoch of its publisher and one message type: a restart begins
 a new channel, so that its sequence from 1 reads neither as repeats nor as a gap. A sequence has 64 bits on
@@ -28,7 +28,7 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
     topic: Topic
     epoch: int = 0  # how often its publisher was restarted before
     sequence_high: int = 0  # upper 32 bits of every sequence
-    repeated: bool = False  # latched messages that stand in an earlier file of the bag
+    repeated: bool = False  # latched messages that an earlier file of the bag has
     encoding: str = MESSAGE_ENCODING
     schema_encoding: str = SCHEMA_ENCODING
     foreign_schema: bytes = b""  # of another encoding
@@ -71,7 +71,7 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, channel: Channel, schema: Schema | None) -> Stream:
-        """Return the stream that a channel's records stand for; they may be another tool's."""
+        """Return the stream of a channel's records; they may be another tool's."""
         metadata = channel.metadata
         json_schema, foreign = ANY_SCHEMA, b""
         if schema is not None and schema.encoding == SCHEMA_ENCODING:

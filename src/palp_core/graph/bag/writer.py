@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import BagError
-from palp_core.graph.bag.mcap.compression import Compression
+from palp_core.graph.bag.mcap.chunk import Compression
 from palp_core.graph.bag.mcap.file_writer import CHUNK_BYTES, FileWriter
 from palp_core.graph.bag.mcap.records import Attachment, Metadata
 from palp_core.graph.bag.metadata import FilePart, write_metadata
@@ -23,7 +23,7 @@ MAX_CHANNELS = 0xFFFF
 class BagWriter(AbstractContextManager["BagWriter"]):
     """Writes a bag, in as many files as its limits ask for.
 
-    Every file stands alone: it repeats the definitions, the attachments and, on channels marked
+    Every file is complete: it repeats the definitions, the attachments and, on channels marked
     ``repeated``, the last messages of latched topics.
     """
 
@@ -81,7 +81,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         return number
 
     def _repeat_latched(self, log_ns: int) -> None:
-        """Write the last messages of latched topics once more, so that a new file stands alone."""
+        """Write the last messages of latched topics once more, so that a new file is complete."""
         for history in list(self._latched_topics.values()):
             for number, sequence, publish_ns, payload in history:
                 repeated = self.stream(msgspec.structs.replace(self._streams[number - 1], repeated=True))

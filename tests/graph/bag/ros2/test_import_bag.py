@@ -198,7 +198,7 @@ def _unknown(source: Path) -> Path:
         (_not_utf_8, "/torque, message 1 at [0-9]+ ns: no geometry_msgs/msg/WrenchStamped: SerdeError"),
     ],
 )
-def test_what_cannot_be_read_is_said_in_words(tmp_path: Path, spoil: Any, words: str) -> None:
+def test_what_cannot_be_read_is_an_error_with_its_reason(tmp_path: Path, spoil: Any, words: str) -> None:
     source = recorded(tmp_path / "source", StoragePlugin.MCAP, 3, CompressionMode.NONE)
     with pytest.raises(BagError, match=words):
         import_bag(spoil(source), tmp_path / "bag")
@@ -276,7 +276,7 @@ def test_a_type_beyond_bounds_is_refused_at_once(tmp_path: Path, kind: str) -> N
     assert not (tmp_path / "out").exists()
 
 
-def test_a_type_that_nobody_defines_is_named(tmp_path: Path) -> None:
+def test_a_type_without_a_definition_is_named(tmp_path: Path) -> None:
     source = recorded(tmp_path / "source", StoragePlugin.SQLITE3, 1, CompressionMode.NONE)
     import sqlite3
 

@@ -1,10 +1,14 @@
-"""Take a chunk apart, after its CRC."""
+"""A chunk: compressed, decompressed, and taken apart after its CRC."""
 
 import struct
 import zlib
 from collections.abc import Callable
+from typing import Literal
 
-from palp_core.graph.bag.mcap.compression import decompress
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.records import (
     LIBRARY,
     MAGIC,
@@ -23,10 +27,50 @@ RawMessage = tuple[int, int, int, int, bytes]
 ChunkHead = tuple[int, int, int, int, str, memoryview]
 """First and last log time, size and CRC of the uncompressed records, compression, what is stored."""
 
-_PAYLOAD_OFFSET = MESSAGE_BYTES - RECORD_BYTES
 MESSAGE_OP, DEFINITIONS = int(Op.MESSAGE), (int(Op.SCHEMA), int(Op.CHANNEL))
 _NUMBERS = struct.Struct("<BQQQQII")
 _SIZE = struct.Struct("<Q")
+
+Compression = Literal["zstd", "lz4", "none"]
+COMPRESSIONS: tuple[Compression, ...] = ("zstd", "lz4", "none")
+MAX_CHUNK_BYTES = 1 << 30
+"""A chunk that claims more when decompressed is taken as damaged."""
+
+
+def compressor(name: Compression) -> tuple[str, Callable[[bytes | bytearray], bytes | bytearray]]:
+    """Return the name that the format has for a compression, and the function that does it."""
+    if name == "zstd":
+        return "zstd", zstandard.ZstdCompressor(level=1, write_checksum=False).compress
+    if name == "lz4":
+        return "lz4", lz4.frame.compress
+    if name == "none":
+        return "", lambda data: data
+    raise BagError(f"unknown compression '{name}'; use one of {', '.join(COMPRESSIONS)}")
+
+
+def decompress(name: str, data: bytes | memoryview, size: int) -> bytes:
+    """Return a chunk's records; a ValueError if these are not such bytes, or of another size."""
+    if size > MAX_CHUNK_BYTES:
+        raise ValueError(f"a chunk of {size} bytes is not plausible")
+    try:
+        if name == "zstd":
+            if zstandard.frame_content_size(data) not in (-1, size):
+                raise ValueError("two sizes in it contradict each other")
+            records = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        elif name == "lz4":
+            lz4_frame = lz4.frame.LZ4FrameDecompressor()
+            records = lz4_frame.decompress(data, max_length=size)
+            if not lz4_frame.eof:
+                raise ValueError(f"it decompresses to more than {size} bytes, or ends early")
+        elif name == "":
+            records = bytes(data)
+        else:
+            raise ValueError(f"unknown compression '{name}'")
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        raise ValueError(f"{name} cannot decompress it: {error}") from error
+    if len(records) != size:
+        raise ValueError(f"it decompresses to {len(records)} bytes, not {size}")
+    return records
 
 
 def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHead:
@@ -36,7 +80,7 @@ def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHea
     """
     op, length, start_ns, end_ns, size, crc, name_bytes = _NUMBERS.unpack_from(data)
     if op != Op.CHUNK:
-        raise ValueError(f"record {op} stands where a chunk should be")
+        raise ValueError(f"record {op} is not a chunk")
     name_end = _NUMBERS.size + name_bytes
     (stored_bytes,) = _SIZE.unpack_from(data, name_end)
     begin = name_end + _SIZE.size

@@ -57,7 +57,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         schemas, channels: Definitions known so far; all of them if ``closed``.
         statistics: Counts of the whole file, if ``closed`` and written.
         chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
-        problems: What is wrong with the file, in words.
+        problems: What is wrong with the file.
     """
 
     def __init__(self, path: Path) -> None:

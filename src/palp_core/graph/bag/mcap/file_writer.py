@@ -3,7 +3,7 @@
 A chunk is closed when it is full or when :meth:`FileWriter.tick` finds it half a second old, the first one at
 the first tick that finds anything in it, and reaches the operating system in one write, so whatever happens
 to this process, every closed chunk is whole in the file.
-A channel's definition stands in the first two chunks that use it and in the summary: no single damage makes
+A channel's definition is in the first two chunks that use it and in the summary: no single damage makes
 messages unreadable elsewhere.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.mcap import records
-from palp_core.graph.bag.mcap.compression import Compression, compressor
+from palp_core.graph.bag.mcap.chunk import Compression, compressor
 
 CHUNK_BYTES = 1 << 20
 CHUNK_NS = 500_000_000
