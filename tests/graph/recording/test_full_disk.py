@@ -1,4 +1,4 @@
-"""A bag that cannot be written any more: what is written stays whole, it is said, and the graph goes on."""
+"""A bag that cannot be written any more: what is written stays whole, and the graph goes on."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from tests.support.palp import CHAIN, Palp
-from tests.support.rig_session import RigSession
 
+GOLDEN = Path(__file__).parents[2] / "golden/session.mcap"
 ROOM = 30_000
 """Of the disk: enough for what a bag of the chain begins with, and some chunks."""
 
@@ -53,22 +53,20 @@ def small_disk(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         limited_file: Any = FullDisk(self._file, ROOM - self.written_bytes)
         self._file = limited_file
 
-    said: list[str] = []
+    events: list[str] = []
     report: Callable[..., None] = LauncherNode.report
 
     def noted(self: LauncherNode, kind: str, node: str, text: str, /, **data: Any) -> None:
-        said.append(f"{kind} {node} {text}")
+        events.append(f"{kind} {node} {text}")
         report(self, kind, node, text, **data)
 
     monkeypatch.setattr(FileWriter, "__init__", limited)
     monkeypatch.setitem(BagWriter.__init__.__kwdefaults__ or {}, "chunk_bytes", 2000)
     monkeypatch.setattr(LauncherNode, "report", noted)
-    return said
+    return events
 
 
-def test_in_lockstep_it_is_said_the_graph_goes_on_and_what_was_written_is_whole(
-    small_disk: list[str], tmp_path: Path
-) -> None:
+def test_in_lockstep_it_is_reported_and_the_graph_goes_on(small_disk: list[str], tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     with Graph(CHAIN, record=bag, clock="sim", count=100) as graph:
         summary = graph.run()
@@ -117,12 +115,12 @@ def test_a_bag_that_cannot_be_begun_is_refused_before_anything_starts(
 
 
 @pytest.mark.parametrize("form", ["csv", "json"])
-def test_a_conversion_that_a_limit_cuts_is_said_without_a_traceback(
-    palp: Palp, rig_session: RigSession, tmp_path: Path, form: str
+def test_a_conversion_that_a_limit_cuts_is_reported_without_a_traceback(
+    palp: Palp, tmp_path: Path, form: str
 ) -> None:
     out = tmp_path / "out"
     done = subprocess.run(
-        palp.command("bag", "convert", rig_session.bag, "--to", form, "-o", out),
+        palp.command("bag", "convert", GOLDEN, "--to", form, "-o", out),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
         capture_output=True,
         text=True,
@@ -130,5 +128,5 @@ def test_a_conversion_that_a_limit_cuts_is_said_without_a_traceback(
         env=palp.environment,
     )
     assert done.returncode == 2, done.stderr
-    lacks = f"it lacks a part of {rig_session.bag}: remove it"
+    lacks = f"it lacks a part of {GOLDEN}: remove it"
     assert done.stderr == f"{out} cannot be written: File too large; {lacks}\n"

@@ -25,7 +25,7 @@ from tests.support.rig_session import ComposedGraph
 from tests.support.supervised import Running
 
 MOST_LOST_S = 0.6
-"""Where nothing else is at work; on a given clock the same is held of the writer of bags."""
+"""Where nothing else runs; on a given clock the same is held of the writer of bags."""
 
 
 def recorder_of(palp: Palp, name: str = "recorder") -> psutil.Process:
@@ -67,7 +67,7 @@ def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path
     assert palp.all_gone()
 
 
-def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp_path: Path) -> None:
+def test_a_recorder_that_dies_is_reported_and_does_not_end_the_graph(palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     graph = palp.start("launch", CHAIN, "count:=150", "rate_hz:=50.0", "--record", bag)
     wait_for_line(graph, "blocks: 1/")

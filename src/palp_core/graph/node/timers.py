@@ -102,18 +102,25 @@ class TimerEnd(TimedEnd):
 
 
 class AlarmEnd(TimedEnd):
-    """A one-shot timer."""
+    """A one-shot timer.
+
+    Attributes:
+        file_descriptors: On the wall clock it rings at once when one of them is readable.
+    """
 
     tick_count = 0
+    file_descriptors: tuple[int, ...] = ()
 
-    def set(self, due_ns: int) -> None:
+    def set(self, due_ns: int, file_descriptors: tuple[int, ...] = ()) -> None:
         """Ring once at that time on the node's clock (at once if it is past); replaces an earlier setting."""
         self.due_ns = max(operator.index(due_ns), self._context.now_ns())
+        self.file_descriptors = file_descriptors
 
     def clear(self) -> None:
         """Do not ring."""
-        self.due_ns = None
+        self.due_ns, self.file_descriptors = None, ()
 
     def tick(self) -> int:
         self.tick_count += 1
+        self.file_descriptors = ()
         return super().tick()

@@ -85,6 +85,7 @@ class WallLoop:
             CHANGING,
         )
         self._others = (channel.socket.fileno(), *self.sockets.file_descriptors)
+        self._alarms = tuple(self.executor.ends.alarms.values())
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
         self._announced = False
@@ -190,8 +191,11 @@ class WallLoop:
         is_pending = self.receiver.pending()
         if is_pending or self.sockets.due() or self._backlog():
             timeout_s = 0.0
-        descriptors = (*self._others, *self.receiver.file_descriptors)
+        waiting = {fd: alarm for alarm in self._alarms for fd in alarm.file_descriptors}
+        descriptors = (*waiting, *self._others, *self.receiver.file_descriptors)
         ready = select.select(descriptors, (), (), max(timeout_s, 0.0))[0]
+        while ready and ready[0] in waiting:
+            waiting[ready.pop(0)].set(0)
         if is_pending or (ready and ready[-1] not in self._others):
             self.receiver.receive(SLICE_NS)
         if ready and ready[0] in self._others:

@@ -50,7 +50,7 @@ def record_until_asked(
         with serving as sockets:
             try:
                 recorder.await_topics(lambda: bool(received))
-                while not (received or recorder.ended):
+                while not (received or recorder.feed.ended):
                     recorder.turn()
                     if sockets is not None:
                         sockets.poll()
@@ -61,7 +61,7 @@ def record_until_asked(
                 recorder.close(patient=False)
                 raise
             summary = recorder.close(patient=not received)
-    text = f"heard {summary.text()}" if params.snapshot_s else f"{params.out}: {summary.text()}"
+    text = f"received {summary.text()}" if params.snapshot_s else f"{params.out}: {summary.text()}"
     return summary.complete, text
 
 

@@ -1,7 +1,7 @@
 """Everything that chosen topics of a running graph carry, from now on; what is missing is asked for.
 
 A frame goes to the recorder as it arrives, so that a crash costs no more than an open chunk. What had to be
-asked for comes after what was published later; sequences tell the order.
+asked for comes after what was published later; the sequences have the order.
 """
 
 import os
@@ -93,6 +93,11 @@ class LiveFeed:
     def asking(self) -> bool:
         return bool(self._questions)
 
+    @property
+    def file_descriptors(self) -> tuple[int, ...]:
+        """Become readable when :meth:`receive` has something to do; none where it may have already."""
+        return () if self.asking else self._reader.file_descriptors
+
     def answered_since(self, since_ns: int) -> bool:
         """Whether answers are to come, and one came, or the first question was put, since then.
 
@@ -101,7 +106,7 @@ class LiveFeed:
         return self.asking and self._answered_ns > since_ns
 
     def receive(self, wait_ms: int) -> bool:
-        """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
+        """Take what arrives, for a slice of time, after waiting for it; return whether there may be more."""
         more = self._reader.receive(wait_ms)
         if self._questions:
             self._take_answers()

@@ -11,7 +11,6 @@ import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import BagError, GraphError
-from palp_core.graph.bag.reader import topic_selection
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.graph_reader import KIND_OFFSET
@@ -27,13 +26,7 @@ from palp_core.graph.recording.live_feed import (
     recorded_nodes,
 )
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
-from palp_core.graph.recording.recorder_params import (
-    RecorderParams,
-    cannot_write,
-    new_writer,
-    rooted,
-    snapshot_name,
-)
+from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, snapshot_name
 
 WAIT_MS = 50
 ANSWER_S = 0.5
@@ -45,6 +38,11 @@ QUIET_TURNS = 4
 
 
 class LiveRecorder:
+    """Records what its ``feed`` receives.
+
+    ``from_start``: it begins with the graph, whose start is to be given to the feed.
+    """
+
     def __init__(
         self, graph: RunningGraph, params: RecorderParams, say: Callable[[str], None], *, from_start: bool
     ) -> None:
@@ -55,12 +53,11 @@ class LiveRecorder:
             )
         self._params, self._say = params, say
         self._out = Path(params.out).absolute()
-        names = rooted(params.topics)
-        self._chosen = topic_selection(names, params.regex or None, params.exclude_regex or None)
+        self._chosen = params.selection()
         self._known = live_topics(graph)
-        unknown = [name for name in names if name not in self._known]
-        if unknown:
-            graph.topic(unknown[0])  # says which name is near
+        for name in params.names:
+            if name not in self._known:
+                graph.topic(name)  # raises, with the name that is near
         if not any(map(self._chosen, self._known)):
             raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
         self._graph, self._from_start = graph, from_start
@@ -72,15 +69,11 @@ class LiveRecorder:
             if params.snapshot_s
             else self._bag(self._out, from_start=from_start)
         )
-        self._feed = LiveFeed(graph, self._sink, from_start=from_start, on_change=self._follow_changes)
-        self._sink.missed = self._feed.ask
-
-    @property
-    def ended(self) -> bool:
-        return self._feed.ended
+        self.feed = LiveFeed(graph, self._sink, from_start=from_start, on_change=self._follow_changes)
+        self._sink.missed = self.feed.ask
 
     def await_topics(self, end_wanted: Callable[[], bool]) -> None:
-        """Listen until every topic has been heard, or the end is wanted.
+        """Receive until a frame of every topic has come, or the end is wanted.
 
         The order of what a node consumes comes last: it begins with the node's state, and everything that the
         node takes up after that is in the bag.
@@ -90,14 +83,14 @@ class LiveRecorder:
         rest = {name: topic for name, topic in chosen.items() if name not in orders}
         begin_ns, is_noted = monotonic_ns(), False
         for part in (rest, orders):
-            self._feed.follow(part)
-            while self._feed.unmatched and not (end_wanted() or self.ended):
+            self.feed.follow(part)
+            while self.feed.unmatched and not (end_wanted() or self.feed.ended):
                 self.turn()
                 if not is_noted and monotonic_ns() - begin_ns > NOTE_WAITING_NS:
                     is_noted = True
-                    names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
-                    self._say(f"not heard yet, recording what comes: {names}")
-        if not self._feed.unmatched:
+                    names = ", ".join(sorted(name.decode() for name in self.feed.unmatched))
+                    self._say(f"no message yet, recording what comes: {names}")
+        if not self.feed.unmatched:
             kept = f"; the last {self._params.snapshot_s:g} s are kept" if self._params.snapshot_s else ""
             count = counted(len(chosen), "topic")
             self._say(f"recording {count} of '{self._graph.record.graph}' to {self._out}{kept}")
@@ -105,15 +98,11 @@ class LiveRecorder:
     def turn(self, wait_ms: int = WAIT_MS) -> bool:
         """Take what comes, for a moment; return whether there may be more."""
         with self._writing():
-            more = self._feed.receive(wait_ms)
+            more = self.feed.receive(wait_ms)
             self._sink.tick(monotonic_ns())
-        if self._feed.start_ns is None and not self._from_start:
-            self._feed.find_start()
+        if self.feed.start_ns is None and not self._from_start:
+            self.feed.find_start()
         return more
-
-    def begin(self, start_ns: int) -> None:
-        """Begin with the graph, whose start is this on the machine's monotonic clock."""
-        self._feed.start_ns = start_ns
 
     def save(self) -> str:
         """Write the messages that are kept in memory into a bag of their own; return what to say."""
@@ -131,7 +120,7 @@ class LiveRecorder:
 
     def abandon(self) -> None:
         self._sink.abandon()
-        self._feed.close()
+        self.feed.close()
 
     def close(self, *, patient: bool) -> RecordingSummary:
         """Take what is still on its way, finish the bag, and return its account.
@@ -141,17 +130,17 @@ class LiveRecorder:
         end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
         quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._sink.taken
         with self._writing():
-            while (now_ns := monotonic_ns()) < end_ns or self._feed.answered_since(now_ns - ANSWER_NS):
-                if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
+            while (now_ns := monotonic_ns()) < end_ns or self.feed.answered_since(now_ns - ANSWER_NS):
+                if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self.feed.asking:
                     break
-                self._feed.receive(WAIT_MS)
+                self.feed.receive(WAIT_MS)
                 self._sink.tick(now_ns)
                 quiet_turns += 1
                 if self._sink.taken != before:
                     before, quiet_ns, quiet_turns = self._sink.taken, now_ns, 0
-            self._sink.unheard = sorted(name.decode() for name in self._feed.unmatched)
+            self._sink.silent = sorted(name.decode() for name in self.feed.unmatched)
             summary = self._sink.close()
-        self._feed.close()
+        self.feed.close()
         self._closed = True
         return summary
 
@@ -163,7 +152,7 @@ class LiveRecorder:
             raise BagError(cannot_write(self._out, error)) from error
 
     def _bag(self, out: Path, *, from_start: bool) -> BagRecorder:
-        writer = new_writer(self._params, out)
+        writer = self._params.new_writer(out)
         record = self._graph.record
         run = {
             "graph": record.graph,
@@ -205,7 +194,7 @@ class LiveRecorder:
             self._sink.describe(live)
         chosen = {name: live for name, live in new.items() if self._chosen(name)}
         if chosen:
-            self._feed.follow(chosen, new=True)
+            self.feed.follow(chosen, new=True)
             self._say(f"also recording {', '.join(sorted(chosen))}")
 
 

@@ -17,7 +17,7 @@ _YAML, _NODES, _WORKSPACE, _LAUNCH = "graph_yaml", "nodes", "workspace", "launch
 
 
 def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
-    """Return what only the launcher knows, as plain data for whoever records its graph."""
+    """Return what only the launcher knows, as plain data for a recorder of its graph."""
     return {
         _YAML: resolved_yaml(graph),
         _NODES: msgspec.to_builtins(graph.nodes),

@@ -1,7 +1,7 @@
 """A recorder as a node: it records the graph that it is in, from a process of its own.
 
-It hears every topic before the first other node is active, so that each first message is in the bag, and is
-shut down when all others are. In lockstep the launcher records instead (:mod:`.recorders`).
+It receives every topic before the first other node is active, so that each first message is in the bag, and
+is shut down when all others are. In lockstep the launcher records instead (:mod:`.recorders`).
 """
 
 from pathlib import Path
@@ -16,8 +16,10 @@ from palp_core.graph.node.ports import Alarm, Srv, on, serve
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_params import RecorderParams
 
-PERIOD_NS = 5_000_000
-"""How much later than it arrives a message may be logged."""
+GATHER_NS = 5_000_000
+"""How much later than it arrives a message may be logged: as long as others are gathered."""
+LONGEST_WAIT_NS = 90_000_000
+"""Between two looks at the bag, whose chunks close by time, and at the graph."""
 
 
 class SaveSnapshot(Message):
@@ -36,7 +38,7 @@ class Recorder(Node):
     params: RecorderParams
 
     save = Srv(SaveSnapshot, SnapshotSaved)
-    turn = Alarm()
+    arrival, turn = Alarm(), Alarm()
 
     _recorder: LiveRecorder | None = None
 
@@ -49,14 +51,22 @@ class Recorder(Node):
     def on_activate(self) -> None:
         if self._recorder is None:
             raise GraphError("a recorder begins with its graph; record a running one with palp bag record")
-        self._recorder.begin(monotonic_ns() - self.now_ns())
+        self._recorder.feed.start_ns = monotonic_ns() - self.now_ns()
         self.turn.set(self.now_ns())
+
+    @on(arrival)
+    def gather(self) -> None:
+        self.turn.set(self.now_ns() + GATHER_NS)
 
     @on(turn)
     def receive(self) -> None:
         assert self._recorder is not None
-        more = self._recorder.turn(wait_ms=0)
-        self.turn.set(self.now_ns() + (0 if more else PERIOD_NS))
+        if self._recorder.turn(wait_ms=0):
+            self.turn.set(self.now_ns())
+        elif descriptors := self._recorder.feed.file_descriptors:
+            self.arrival.set(self.now_ns() + LONGEST_WAIT_NS, descriptors)
+        else:
+            self.gather()
 
     @serve(save)
     def save_snapshot(self, _: SaveSnapshot) -> SnapshotSaved:

@@ -1,11 +1,12 @@
 """What to record, and how; and the writer of a recorder's bag."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from palp_core.graph.bag.reader import topic_selection
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.node.node import Params, ReadOnly
@@ -36,19 +37,22 @@ class RecorderParams(Params):
     compression: ReadOnly[Literal["zstd", "lz4", "none"]] = "zstd"
     required: ReadOnly[bool] = False
 
+    @property
+    def names(self) -> list[str]:
+        return [name if name.startswith("/") else f"/{name}" for name in self.topics]
 
-def rooted(topics: Iterable[str]) -> list[str]:
-    return [name if name.startswith("/") else f"/{name}" for name in topics]
+    def selection(self) -> Callable[[str], bool]:
+        """Return the test whether a topic is recorded."""
+        return topic_selection(self.names, self.regex, self.exclude_regex)
 
-
-def new_writer(params: RecorderParams, out: str | Path) -> BagWriter:
-    return BagWriter(
-        out,
-        compression=params.compression,
-        max_bytes=params.max_bag_size,
-        max_duration_ns=round(params.max_bag_duration_s * 1e9),
-        custom={"start_unix_ns": str(unix_ns())},
-    )
+    def new_writer(self, out: str | Path) -> BagWriter:
+        return BagWriter(
+            out,
+            compression=self.compression,
+            max_bytes=self.max_bag_size,
+            max_duration_ns=round(self.max_bag_duration_s * 1e9),
+            custom={"start_unix_ns": str(unix_ns())},
+        )
 
 
 def snapshot_name(out: str, number: int) -> str:

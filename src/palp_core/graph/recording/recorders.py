@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import BagError, NodeError
-from palp_core.graph.bag.reader import Bag, topic_selection
+from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.recorder import SUMMARY_NAME, BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
@@ -26,13 +26,7 @@ from palp_core.graph.recording.provenance import (
     launch_attachment,
     launch_provenance,
 )
-from palp_core.graph.recording.recorder_params import (
-    RecorderParams,
-    cannot_write,
-    new_writer,
-    rooted,
-    snapshot_name,
-)
+from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, snapshot_name
 from palp_core.graph.supervision.launcher_node import LauncherNode
 
 DEFAULT_NAME = "recorder"
@@ -126,8 +120,7 @@ class LockstepRecorder:
         if params.snapshot_s:
             raise BagError(f"{graph.file}: a recorder keeps the last seconds on the wall clock only")
         topics = [info.as_topic(name) for name, info in graph.topics.items()]
-        writer = new_writer(params, params.out)
-        select = topic_selection(rooted(params.topics), params.regex or None, params.exclude_regex or None)
+        writer, select = params.new_writer(params.out), params.selection()
         attached = attachments(launch_provenance(graph))
         try:
             self._recorder = BagRecorder(writer, topics, select=select, attachments=attached)
