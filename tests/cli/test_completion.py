@@ -17,7 +17,7 @@ __all__ = ["talk"]
 
 
 class Typed:
-    """What stands on the line already."""
+    """What is on the line already."""
 
     def __init__(self, **params: Any) -> None:
         self.params = params

@@ -77,7 +77,7 @@ def test_probe_finds_what_is_there(rig: EmulatedRig, device: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         (["probe", "nano"], "no device 'nano'; known: aerotech"),
         (["probe", "aerotech"], "where is it? give url:="),
@@ -95,28 +95,28 @@ def test_probe_finds_what_is_there(rig: EmulatedRig, device: str) -> None:
     ],
 )
 def test_a_mistake_or_a_device_out_of_reach_is_one_clear_line_and_a_status(
-    arguments: list[str], said: str
+    arguments: list[str], text: str
 ) -> None:
     done = runner.invoke(app, arguments)
     assert done.exit_code == 1
     assert isinstance(done.exception, SystemExit)  # not an error that would print a traceback
-    assert said in done.output
+    assert text in done.output
     assert len(done.output.splitlines()) == 1
     assert done.output.count(f"{arguments[1]}:") <= 1
 
 
 @pytest.mark.parametrize(
-    ("option", "said", "length"),
+    ("option", "text", "length"),
     [("--for", "seconds", "nan"), ("--for", "seconds", "-1"), ("--for", "seconds", "inf"),
      ("--patience", "patience_s", "nan")],
 )  # fmt: skip
 def test_a_length_of_time_that_is_none_is_refused_before_anything_is_opened(
-    option: str, said: str, length: str
+    option: str, text: str, length: str
 ) -> None:
     arguments = ["monitor", "noraxon", "host:=127.0.0.1", "port:=1", option, length]
     done = runner.invoke(app, arguments)
     assert isinstance(done.exception, DeviceError)
-    assert said in str(done.exception)
+    assert text in str(done.exception)
 
 
 def test_a_port_without_the_right_to_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,16 +162,16 @@ def test_a_port_of_another_device_that_never_falls_silent_is_an_error(device: st
     assert isinstance(done.exception, SystemExit)
 
 
-def test_probe_says_what_nobody_has_verified(rig: EmulatedRig) -> None:
+def test_probe_shows_what_is_not_verified(rig: EmulatedRig) -> None:
     given = [word for word in words(rig, "ati") if not word.startswith("verified")]
     given += [*PATIENT["ati"], "--patience", "60"]
     done = runner.invoke(app, ["probe", "ati", *given, "verified:=[axis]"])
     assert done.exit_code == 0, done.output
     assert "not verified: bitrate: the sensor is delivered with 250 kbit/s" in done.output
     assert "axis" not in done.output
-    told = json.loads(runner.invoke(app, ["probe", "ati", *given, "--json"]).output)
-    assert set(told["unverified"]) == {"axis", "bitrate", "calibration"}
-    assert told["serial_number"] == "FT32918"
+    found = json.loads(runner.invoke(app, ["probe", "ati", *given, "--json"]).output)
+    assert set(found["unverified"]) == {"axis", "bitrate", "calibration"}
+    assert found["serial_number"] == "FT32918"
 
 
 def test_probe_of_the_stage_reports_position_and_limits_and_moves_nothing(rig: EmulatedRig) -> None:

@@ -1,4 +1,4 @@
-"""The doctor: each fault of a graph is found, said with place and advice, and a healthy graph has none."""
+"""The doctor: each fault of a graph is found, with place and advice, and a healthy graph has none."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def relay(**changes: Any) -> dict[str, Any]:
 
 
 def sink(account: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any]:
-    told = ACCOUNT | {"received": 9, "port": "sample", "qos": qos(), "latency_s": None} | (account or {})
-    return {"lifecycle": "active", "inputs": {TOPIC: told}, "outputs": {}, "published": {}} | changes
+    account = ACCOUNT | {"received": 9, "port": "sample", "qos": qos(), "latency_s": None} | (account or {})
+    return {"lifecycle": "active", "inputs": {TOPIC: account}, "outputs": {}, "published": {}} | changes
 
 
 def findings(
@@ -44,11 +44,11 @@ def findings(
 ) -> list[Trouble]:
     def request(endpoint: str, asked: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
         if asked["op"] == "history":
-            frames = told.get(asked["node"], [])
+            frames = frames_of.get(asked["node"], [])
             return None if frames is None else {"frames": frames}
         return nodes.get(asked["node"])
 
-    told = {"sink": [EVENT], "graph": launcher_said}
+    frames_of = {"sink": [EVENT], "graph": launcher_said}
     return list(examine_graph(RunningGraph(record(tmp_path, os.getpid()), request)))
 
 
@@ -109,8 +109,8 @@ FAULTS: list[tuple[dict[str, Any], dict[str, Any] | None, str, str, str]] = [
 def test_a_fault_is_found_with_place_and_advice(
     tmp_path: Path, relays: dict[str, Any], account: dict[str, Any] | None, level: str, where: str, what: str
 ) -> None:
-    said = {} if account is None or "events" not in account else {"published": {"/sink/_events": 1}}
-    sinks = None if account is None else sink(account, **said)
+    events = {} if account is None or "events" not in account else {"published": {"/sink/_events": 1}}
+    sinks = None if account is None else sink(account, **events)
     bad = [
         finding for finding in findings(tmp_path, relay=relay(**relays), sink=sinks) if finding.level != "ok"
     ]
@@ -130,8 +130,8 @@ def test_who_was_asked_a_moment_earlier_or_has_just_joined_is_not_behind(
 
 
 def test_what_the_launcher_had_to_say_is_found(tmp_path: Path) -> None:
-    said = [restarting(1), restarting(2)]
-    bad = [f for f in findings(tmp_path, said, relay=relay(), sink=sink()) if f.level != "ok"]
+    events = [restarting(1), restarting(2)]
+    bad = [f for f in findings(tmp_path, events, relay=relay(), sink=sink()) if f.level != "ok"]
     assert [(f.level, f.where) for f in bad] == [("warn", "/relay")]
     assert bad[0].text == "restarting: it was killed (2 such events remembered)"
 

@@ -29,9 +29,9 @@ def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk:
     assert (done.returncode, found["error"]) == (0, 0)
     assert found["graphs"] == ["talk"]
     assert set(found["findings"][0]) == {"where", "level", "text", "advice"}
-    said = talk.run("doctor", "-r").stdout
+    printed = talk.run("doctor", "-r").stdout
     for part in ("monotonic clock resolves", "usable", "open files", "no orphans", "2 of 2 nodes answer"):
-        assert part in said
+        assert part in printed
     assert talk.run("doctor").stdout.splitlines()[-1].endswith("1 graph running")
 
 
@@ -47,18 +47,18 @@ def test_what_a_killed_launcher_leaves_is_found(palp: Palp, tmp_path: Path) -> N
     assert done.returncode == 1
     assert f"ERROR process {left.pid}: an orphan of graph 'talk'" in done.stdout
     assert f"kill {left.pid}" in done.stdout
-    said = graph.run("doctor", "-r").stdout
-    assert f"1 run directory of runs that are over; the latest 20 are kept: {folder.name}" in said
+    printed = graph.run("doctor", "-r").stdout
+    assert f"1 run directory of runs that are over; the latest 20 are kept: {folder.name}" in printed
     left.communicate()
     assert left.wait() is not None
     assert graph.run("doctor").returncode == 0
 
 
 def test_top_shows_nodes_and_edges_once(talk: Talk) -> None:
-    told: Any = talk.told("top")
-    assert [node["name"] for node in told["nodes"]] == ["/source", "/scale"]
-    assert all(node["responsive"] and node["memory_bytes"] > 0 for node in told["nodes"])
-    (edge,) = [edge for edge in told["edges"] if edge["topic"] == "/source/sample"]
+    shown: Any = talk.told("top")
+    assert [node["name"] for node in shown["nodes"]] == ["/source", "/scale"]
+    assert all(node["responsive"] and node["memory_bytes"] > 0 for node in shown["nodes"])
+    (edge,) = [edge for edge in shown["edges"] if edge["topic"] == "/source/sample"]
     assert edge["rate_hz"] > 0.0
     assert edge["lost"] == 0
 
@@ -77,18 +77,18 @@ def on_a_terminal(palp: Palp, *words: str) -> tuple[int, subprocess.Popen[bytes]
 
 
 def read_until(master: int, pattern: str) -> str:
-    said = ""
-    while not re.search(pattern, said, re.DOTALL):
-        assert select.select([master], [], [], PATIENCE_S)[0], said
-        said += os.read(master, 65536).decode(errors="replace")
-    return said
+    printed = ""
+    while not re.search(pattern, printed, re.DOTALL):
+        assert select.select([master], [], [], PATIENCE_S)[0], printed
+        printed += os.read(master, 65536).decode(errors="replace")
+    return printed
 
 
 def test_a_live_view_is_drawn_again_and_again_until_ctrl_c(talk: Talk) -> None:
     master, process = on_a_terminal(talk.palp, "top")
     read_until(master, r"NODE.*/source.*/scale.*TOPIC.*NODE.*/source")
     process.send_signal(signal.SIGINT)
-    while process.poll() is None:  # a terminal nobody reads would hold up its writer
+    while process.poll() is None:  # a terminal without a reader would hold up its writer
         if select.select([master], [], [], 0.1)[0]:
             try:
                 os.read(master, 65536)
@@ -116,9 +116,9 @@ def test_a_graph_in_simulated_time_is_asked_the_same_way(
     )
     indices = [json.loads(line)["index"] for line in messages.splitlines()]
     assert indices == list(range(indices[0], indices[0] + 5))
-    told: Any = graph.told("top", "-d", "0.2")
-    assert [node["state"] for node in told["nodes"]] == ["active"] * 2
+    shown: Any = graph.told("top", "-d", "0.2")
+    assert [node["state"] for node in shown["nodes"]] == ["active"] * 2
     assert graph.run("doctor").returncode == 0
-    assert psutil.pid_exists(told["nodes"][0]["pid"])
+    assert psutil.pid_exists(shown["nodes"][0]["pid"])
     graph.process.terminate()
     assert graph.process.wait(PATIENCE_S) == 143

@@ -58,7 +58,7 @@ def test_a_promised_key_is_there(talk: Talk, verb: str) -> None:
     is_list, keys = promises()[verb]
     done = talk.run(*verb.split(), *WORDS.get(verb, ()), "--json")
     assert done.returncode == 0, done.stderr
-    told: Any = json.loads(done.stdout)
-    assert isinstance(told, list) == is_list
-    for entry in told if is_list else [told]:
+    found: Any = json.loads(done.stdout)
+    assert isinstance(found, list) == is_list
+    for entry in found if is_list else [found]:
         assert set(keys) <= set(entry)

@@ -11,7 +11,7 @@ from palp_core.graph.discovery.topic_reader import ReceivedFrame
 from palp_core.graph.messages.frame import Kind, pack, parse
 
 
-def heard(
+def received(
     sequence: int, stamp_ns: int, *, epoch: int = 0, arrived_ns: int = 0, lost: int = 0
 ) -> ReceivedFrame:
     return ReceivedFrame(
@@ -32,16 +32,16 @@ def test_what_the_listener_missed_does_not_change_the_rate(
     for sequence in range(1, 30):
         if sequence not in missing:
             at_ns = sequence * period_ns
-            window.add(heard(sequence, at_ns, arrived_ns=at_ns + delays_ns[sequence]))
+            window.add(received(sequence, at_ns, arrived_ns=at_ns + delays_ns[sequence]))
     assert window.rates_hz()[0] == pytest.approx(1e9 / period_ns)
     assert window.messages == 29
 
 
 def test_periods_are_of_neighbours_only_and_a_window_forgets_what_is_older() -> None:
     window = Window(3)
-    window.add(heard(1, -(10**12)))
+    window.add(received(1, -(10**12)))
     for sequence, stamp_ns in ((2, 0), (3, 10_000_000), (8, 70_000_000), (9, 90_000_000)):
-        window.add(heard(sequence, stamp_ns))
+        window.add(received(sequence, stamp_ns))
     periods = window.periods_s()
     assert (periods["min_period_s"], periods["max_period_s"]) == (0.01, 0.02)
     assert periods["std_period_s"] == pytest.approx(0.005)
@@ -50,11 +50,11 @@ def test_periods_are_of_neighbours_only_and_a_window_forgets_what_is_older() -> 
 
 def test_a_restarted_publisher_begins_a_new_window_and_a_heartbeat_is_no_message() -> None:
     window = Window(10)
-    window.add(heard(500, 10**9, lost=3))
-    window.add(heard(1, 2 * 10**9, epoch=1))
+    window.add(received(500, 10**9, lost=3))
+    window.add(received(1, 2 * 10**9, epoch=1))
     assert (window.messages, window.lost) == (1, 0)
     window.add(ReceivedFrame(parse(pack(b"/a/b", Kind.HEARTBEAT, 1, 7, 0, 1)), 0, 6))
     assert (window.messages, window.lost) == (1, 6)
-    window.add(heard(2, 2 * 10**9, epoch=1))
+    window.add(received(2, 2 * 10**9, epoch=1))
     assert window.rates_hz() == (None, None)  # messages of one instant
     assert window.points[0].size_bytes == len(pack(b"/a/b", Kind.DATA, 0, 1, 0, 1, b"xyz"))

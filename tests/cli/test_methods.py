@@ -25,8 +25,8 @@ def listed(*arguments: str) -> list[dict[str, Any]]:
 def test_the_list_for_machines_has_every_method_of_every_task() -> None:
     found = listed()
     assert all(one.keys() >= PROMISED for one in found)
-    told = {(one["task"], one["name"]) for one in found}
-    assert told == {(task.name, one.name) for task in tasks() for one in methods(task.name)}
+    listed_names = {(one["task"], one["name"]) for one in found}
+    assert listed_names == {(task.name, one.name) for task in tasks() for one in methods(task.name)}
 
 
 def test_one_method_of_a_task_at_most_is_chosen_and_it_is_the_cheapest_that_is_right_enough() -> None:
@@ -60,7 +60,7 @@ def test_a_person_reads_cost_and_error_of_each_method_and_below_its_mark() -> No
     assert "  l2: Hertz with the bonded layer's correction;" in result.output
 
 
-def test_every_method_says_what_it_is_in_plain_words() -> None:
+def test_every_method_has_a_plain_description() -> None:
     for one in (one for one in listed() if one["module"].startswith("palp_core.")):
         assert len(one["what"]) > 10, f"{one['task']}: {one['name']} has no docstring"
         assert ":`" not in one["what"]
@@ -101,5 +101,5 @@ def test_no_word_is_lost_and_no_line_is_long(
     output = CliRunner().invoke(app, ["methods", "list", task]).stdout
     words = [word for line in output.splitlines() if len(line) > longest for word in line.split()]
     assert all(len(word) > longest - 6 for word in words), words
-    said = " ".join(f"{one.name} {one.fails} {one.survivor}" for one in methods(task))
-    assert set(said.split()) <= set(output.split())
+    texts = " ".join(f"{one.name} {one.fails} {one.survivor}" for one in methods(task))
+    assert set(texts.split()) <= set(output.split())

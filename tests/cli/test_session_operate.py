@@ -74,9 +74,9 @@ def test_a_name_does_not_leave_the_terminal(
         desk.show(prompt(1, "text", IDENTITY[kind]))
         desk.answer("Anna Mueller")
         assert graph.asked == []
-        said = capsys.readouterr().err
-        assert "code" in said
-        assert "Anna" not in said
+        text = capsys.readouterr().err
+        assert "code" in text
+        assert "Anna" not in text
     desk.answer("C-17")
     assert len(graph.asked) == 1
 

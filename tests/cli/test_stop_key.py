@@ -1,4 +1,4 @@
-"""The key that stops: heard on a terminal, which is as before afterwards; and whom it calls."""
+"""The key that stops: read on a terminal, which is as before afterwards; and whom it calls."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palp_core.graph.messages.topic import Topic
 
 
 def wait_until_read(slave: int) -> None:
-    """Wait until nothing waits in the terminal any more: whoever reads it has taken it."""
+    """Wait until nothing waits in the terminal any more: the reader has taken it."""
     while struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))[0]:
         threading.Event().wait(0.001)
 
@@ -41,7 +41,7 @@ def terminal() -> Iterator[tuple[int, int]]:
     [[b"x", b" "], [b"\xe9", b" "], [b"\x1b[ "]],
     ids=["another key", "bytes that are no text", "within what looks like another key"],
 )
-def test_a_press_is_heard_once_and_other_keys_are_not(terminal: tuple[int, int], typed: list[bytes]) -> None:
+def test_a_press_counts_once_and_other_keys_do_not(terminal: tuple[int, int], typed: list[bytes]) -> None:
     master, slave = terminal
     presses: queue.Queue[str] = queue.Queue()
     key = StopKey(slave, lambda: presses.put("pressed"))

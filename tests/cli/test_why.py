@@ -37,14 +37,14 @@ from tests.support.rig_session import ComposedGraph, RigSession
 PHANTOMS = "A: {bead: {depth_m: 0.002}}\nB: {bead: {depth_m: 0.004}}\nC: {bead: {depth_m: 0.008}}\n"
 
 
-def said(*arguments: object) -> str:
+def printed(*arguments: object) -> str:
     done = CliRunner().invoke(app, ["methods", "why", *map(str, arguments)], catch_exceptions=False)
     assert done.exit_code == 0
     return done.stdout
 
 
-def told(*arguments: object) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads(said(*arguments, "--json"))
+def shown(*arguments: object) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(printed(*arguments, "--json"))
     return found
 
 
@@ -53,7 +53,7 @@ def of_task(record: list[dict[str, Any]], task: str) -> list[dict[str, Any]]:
 
 
 class Asked:
-    """Does something beside a composed graph's run when a phase begins or ends, as another process would."""
+    """Does something during a composed graph's run when a phase begins or ends, as another process would."""
 
     def __init__(self, **at_phase: Callable[[], None]) -> None:
         self._at_phase = at_phase
@@ -78,10 +78,12 @@ class Asked:
             asking.join()
 
 
-def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parameters(tmp_path: Path) -> None:
+def test_folder_bag_and_running_graph_report_the_same_with_swap_and_changed_parameters(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "three.yaml").write_text(PHANTOMS, encoding="utf-8")
     live: list[list[dict[str, Any]]] = []
-    asked = Asked(done=lambda: live.extend([told(asked.run), told(tmp_path / "out")]))
+    asked = Asked(done=lambda: live.extend([shown(asked.run), shown(tmp_path / "out")]))
     given = [
         f"out:={tmp_path / 'out'}",
         f"phantoms:={tmp_path / 'three.yaml'}",
@@ -94,8 +96,8 @@ def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parame
     with ComposedGraph(SIM, record=tmp_path / "bag", observe=asked, overrides=given) as graph:
         asked.graph = graph
         graph.run()
-    folder = told(tmp_path / "out")
-    assert [folder, folder] == [told(tmp_path / "bag"), live[0]]
+    folder = shown(tmp_path / "out")
+    assert [folder, folder] == [shown(tmp_path / "bag"), live[0]]
     assert live[1] == folder  # of a run that goes on its folder is asked for by the graph
     result = json.loads((tmp_path / "out/result.json").read_text())
     assert folder == result["methods"]
@@ -116,14 +118,14 @@ def test_folder_bag_and_running_graph_tell_the_same_with_swap_and_changed_parame
 
 
 def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSession) -> None:
-    record = told(rig_session.out)
+    record = shown(rig_session.out)
     assert [one["task"] for one in record] == [
         *("contact", "contact", "contact", "motion", "denoise", "feature", "likelihood"),
         *("filter", "stop", "policy"),
     ]
     for one in record:
         assert one["evidence"] == find(one["task"], one["method"]).evidence
-    text = said(rig_session.out)
+    text = printed(rig_session.out)
     for line in (
         "contact of A: l2 (/phantom)\n    chosen: the cheapest that gives 'peak' within 2.0%",
         "stop: paper_guarded (/estimator)\n    asked for by name",
@@ -192,7 +194,7 @@ def test_the_mechanics_of_a_report_are_what_the_run_used_though_its_file_is_anot
         ("", "name a session's folder or a bag: palp methods why results/latest"),
     ],
 )
-def test_what_is_no_run_is_said(
+def test_what_is_no_run_is_refused(
     name: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

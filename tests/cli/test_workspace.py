@@ -52,8 +52,8 @@ def new(palp: Palp, *words: str) -> None:
 def test_a_workspace_runs_checks_and_tests_as_it_is_with_all_that_can_be_added(
     at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said = palp.here("init", "lab")
-    assert "look at lab/nodes/average.py first" in said.stdout
+    text = palp.here("init", "lab")
+    assert "look at lab/nodes/average.py first" in text.stdout
     monkeypatch.chdir(at / "lab")
     for words in ADDED:
         new(palp, *words)
@@ -110,7 +110,7 @@ def test_the_rig_can_be_copied_and_the_check_says_what_was_changed_in_it(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (("init", "full"), "full is not empty (it has a, b, c, ...); name a new folder"),
         (("init", "full/a"), "full/a is a file; name a new folder"),
@@ -122,15 +122,13 @@ def test_the_rig_can_be_copied_and_the_check_says_what_was_changed_in_it(
         (("new", "policy", "../x"), "'../x' is no name"),
     ],
 )
-def test_what_cannot_be_written_is_refused_in_words(
-    at: Path, palp: Palp, words: tuple[str, ...], said: str
-) -> None:
+def test_what_cannot_be_written_is_refused(at: Path, palp: Palp, words: tuple[str, ...], text: str) -> None:
     (at / "full").mkdir()
     for name in "abcd":
         (at / "full" / name).touch()
     done = palp.here(*words)
     assert done.returncode == 2
-    assert said in done.stderr
+    assert text in done.stderr
     assert sorted(path.name for path in at.iterdir()) == ["full"]
 
 

@@ -20,7 +20,7 @@ ASK_S = 0.3
 
 @contextlib.contextmanager
 def _quietly() -> Iterator[None]:
-    """Keep errors and remarks to itself: what is written here stands in the middle of what a person types."""
+    """Keep errors and remarks to itself: they would appear in the middle of what a person types."""
     with contextlib.suppress(Exception), contextlib.redirect_stderr(io.StringIO()):
         yield
 

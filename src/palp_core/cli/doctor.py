@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from threading import Event
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import msgspec
 import typer
@@ -36,9 +36,6 @@ from palp_core.graph.discovery.troubles import (
     active_diagnostics,
     examine_graph,
 )
-
-if TYPE_CHECKING:
-    import rich.console
 
 ASK_S = 2.0
 _ORDER = (ERROR, WARN, NOTE, OK)
@@ -149,7 +146,7 @@ def top(
         named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
         call.show(
             {"graph": running.record.graph, "clock": running.record.clock, **dict(named)},
-            _sample_lines(sample),
+            (line for line, _ in _styled_lines(sample)),
         )
         return
     _show_live(running, samples)
@@ -179,7 +176,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
 
 
 def _tables(sample: Sample) -> tuple[list[list[str]], list[list[str]]]:
-    """Return nodes and edges as rows of cells; a node's worst diagnostic stands in place of its state."""
+    """Return nodes and edges as rows of cells; a node's worst diagnostic takes the place of its state."""
     levels = {f"/{found.node}": found.level.upper() for found in reversed(sample[2])}
     nodes = [msgspec.structs.replace(node, state=levels.get(node.name, node.state)) for node in sample[0]]
     return (
@@ -192,45 +189,30 @@ def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
     return "-" if value is None else f"{value * scale:.{digits}f}"
 
 
-def _sample_lines(sample: Sample) -> Iterator[str]:
+def _styled_lines(sample: Sample) -> Iterator[tuple[str, str]]:
+    """Yield each line of a sample, with its style."""
+    troubled = {f"/{found.node}" for found in sample[2] if found.level == "error"}
+    for found in sample[2]:
+        text = f"{found} -> {found.advice}" if found.advice else str(found)
+        yield text, "bold red" if found.level == "error" else "yellow"
     nodes, edges = _tables(sample)
-    yield from map(_diagnostic_line, sample[2])
-    yield from table_lines([list(NODE_COLUMNS), *nodes])
-    if edges:
-        yield ""
-        yield from table_lines([list(EDGE_COLUMNS), *edges])
-
-
-def _diagnostic_line(found: ActiveDiagnostic) -> str:
-    return f"{found} -> {found.advice}" if found.advice else str(found)
+    tables = [(list(NODE_COLUMNS), nodes), *([(list(EDGE_COLUMNS), edges)] if edges else [])]
+    for titles, cells in tables:
+        head, *lines = table_lines([titles, *cells])
+        if cells is edges or sample[2]:
+            yield "", ""
+        yield head, "bold"
+        for row, line in zip(cells, lines, strict=True):
+            bad = "SILENT" in row or row[0] in troubled or row[titles.index("LOST")] != "0"
+            yield line, "red" if bad else ""
 
 
 def _show_live(graph: RunningGraph, samples: Iterator[Sample]) -> None:
     from rich.live import Live
-
-    with Live(screen=True, auto_refresh=False) as live:
-        for sample in samples:
-            live.update(_picture(graph, sample), refresh=True)
-
-
-def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType:
-    from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    tables = []
-    troubled = {f"/{found.node}" for found in sample[2] if found.level == "error"}
-    for titles, lines in zip((list(NODE_COLUMNS), list(EDGE_COLUMNS)), _tables(sample), strict=True):
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        for place, title in enumerate(titles):
-            table.add_column(title, justify="left" if place < 2 else "right")
-        for line in lines:
-            bad = "SILENT" in line or line[0] in troubled or line[titles.index("LOST")] != "0"
-            table.add_row(*line, style="red" if bad else "")
-        tables.append(table)
     head = f"{graph.record.graph}  ({graph.record.clock} clock, process {graph.record.pid})   Ctrl-C ends"
-    wrong = [
-        Text(_diagnostic_line(found), style="bold red" if found.level == "error" else "yellow")
-        for found in sample[2]
-    ]
-    return Group(Text(head, style="bold"), *wrong, Text(""), tables[0], Text(""), tables[1])
+    with Live(screen=True, auto_refresh=False) as live:
+        for sample in samples:
+            lines = ((f"{line}\n", style) for line, style in _styled_lines(sample))
+            live.update(Text.assemble((f"{head}\n\n", "bold"), *lines, no_wrap=True), refresh=True)

@@ -13,7 +13,7 @@ _NAMES = {"A": "up", "B": "down", "C": "right", "D": "left"}
 class Keyboard:
     """A terminal key by key; Ctrl-C and Ctrl-Z keep their meaning.
 
-    ``file_descriptors`` become readable when a key was pressed; there is none where nobody can press one.
+    ``file_descriptors`` become readable when a key was pressed; there is none where no one can press one.
     """
 
     def __init__(self, descriptor: int | None) -> None:
@@ -59,12 +59,12 @@ def attended(descriptor: int | None) -> TypeGuard[int]:
         return False
     try:
         return os.tcgetpgrp(descriptor) == os.getpgrp()
-    except OSError:  # a terminal that controls nobody has no background
+    except OSError:  # a terminal that controls no process has no background
         return True
 
 
 def keys_in(text: str) -> list[str]:
-    r"""Split what a terminal sends into keys; a space is one wherever it stands, as it may stop a rig.
+    r"""Split what a terminal sends into keys; a space is one wherever it is, as it may stop a rig.
 
     >>> keys_in(" \x1b[C1\x1bOA")
     [' ', 'right', '1', 'up']

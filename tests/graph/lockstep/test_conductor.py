@@ -40,7 +40,7 @@ class MixState(State):
     order: list[str] = []
 
 class Mix(Node):
-    """Sums two inputs, doubles the sum by a service, and publishes the order in which it heard."""
+    """Sums two inputs, doubles the sum by a service, and publishes the order in which they came."""
     state: MixState
     a = Sub(Word)
     b = Sub(Word)
@@ -216,9 +216,9 @@ def test_messages_of_one_instant_come_by_topic_and_sequence_after_the_timers(wor
     conductor.run(10**9)
     mixed = [parse(frame) for _, frame in seen if parse(frame).topic == "/mix/out"]
     assert conductor.now_ns == 10**9
-    heard = msgpack.unpackb(mixed[-1].payload)["by"]
-    # At 0 s and at 1 s both are heard, /fast before /slow; in between 7 Hz and 3 Hz interleave.
-    assert heard == "fast slow fast fast slow fast fast slow fast fast fast slow"
+    received = msgpack.unpackb(mixed[-1].payload)["by"]
+    # At 0 s and at 1 s both come, /fast before /slow; in between 7 Hz and 3 Hz interleave.
+    assert received == "fast slow fast fast slow fast fast slow fast fast fast slow"
 
 
 def test_time_leaps_to_the_next_due_timer_and_never_beyond_the_end(workspace: str) -> None:

@@ -28,16 +28,16 @@ def test_late_messages_stand_where_they_belong(
     tmp_path_factory: object, first: list[int], second: list[int]
 ) -> None:
     folder = tmp_path_factory.mktemp("bag") / "run"  # type: ignore[attr-defined]
-    told = [(0, n) for n in first] + [(1, n) for n in second]
-    bag_of(folder, [(epoch, n, place) for place, (epoch, n) in enumerate(told)])
+    found = [(0, n) for n in first] + [(1, n) for n in second]
+    bag_of(folder, [(epoch, n, place) for place, (epoch, n) in enumerate(found)])
     with Bag(folder) as bag:
-        assert [key_of(m) for m in OrderedMessages(bag, "/a/b")] == sorted(told)
+        assert [key_of(m) for m in OrderedMessages(bag, "/a/b")] == sorted(found)
 
 
 def test_a_repeated_message_comes_once_and_a_gap_holds_nothing_up_for_long(tmp_path: Path) -> None:
     late = 2 * LATE_NS
-    told = [(0, 1, 0), (0, 2, 1), (0, 2, 2), (0, 4, 3), (0, 5, 4), (0, 6, late), (0, 3, late + 1)]
-    bag_of(tmp_path / "run", told)
+    found = [(0, 1, 0), (0, 2, 1), (0, 2, 2), (0, 4, 3), (0, 5, 4), (0, 6, late), (0, 3, late + 1)]
+    bag_of(tmp_path / "run", found)
     with Bag(tmp_path / "run") as bag:
         assert [m.sequence for m in OrderedMessages(bag, "/a/b")] == [1, 2, 4, 5, 6]
 

@@ -85,7 +85,7 @@ def test_the_workspace_that_one_is_in_lies_over_an_installed_launch_file(
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "text"),
     [
         ("softlab:shape.yaml", "did you mean 'softlab:shapes.yaml'? there are: shapes.yaml"),
         ("softlab:", "no launch file '' in .*; there are: shapes.yaml"),
@@ -93,8 +93,8 @@ def test_the_workspace_that_one_is_in_lies_over_an_installed_launch_file(
         ("softlob:shapes.yaml", "no installed workspace 'softlob'; did you mean 'softlab'?"),
     ],
 )
-def test_a_wrong_name_is_answered_with_what_there_is(softlab: Path, name: str, said: str) -> None:
-    with pytest.raises(GraphError, match=said.replace("?", r"\?")):
+def test_a_wrong_name_is_answered_with_what_there_is(softlab: Path, name: str, text: str) -> None:
+    with pytest.raises(GraphError, match=text.replace("?", r"\?")):
         launch_path(name)
 
 
@@ -185,6 +185,6 @@ def test_the_rigs_classes_are_there_to_derive_from() -> None:
             importlib.import_module("palp_core.workspace.nodes.polcy")
 
 
-def test_reading_an_unknown_installed_file_is_a_mistake_in_words() -> None:
+def test_reading_an_unknown_installed_file_is_a_mistake_with_its_reason() -> None:
     with pytest.raises(GraphError, match="there are: emulated"):
         resolve(Path("rig:nothing.yaml"))

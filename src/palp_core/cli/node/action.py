@@ -241,7 +241,7 @@ class _Following:
             self._ask()
 
     def _ask(self) -> None:
-        """Ask how the goal stands; a server that does not know it was restarted, or replaced."""
+        """Ask for the goal's state; a server that does not know it was restarted, or replaced."""
         try:
             result = self._caller.result()
         except GraphError as error:

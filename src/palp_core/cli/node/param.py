@@ -127,7 +127,7 @@ def load(
     file: Annotated[Path, argument("As dump prints it.", "FILE")],
     *,
     no_use_wildcard: Annotated[
-        bool, option("Refuse the name /**, which stands for every node.", "--no-use-wildcard")
+        bool, option("Refuse the name /**, which means every node.", "--no-use-wildcard")
     ] = False,
 ) -> None:
     """Set parameters from a ROS 2 parameter file, all or none."""

@@ -82,7 +82,7 @@ def node(name: NameArgument) -> None:
     _write(f"nodes/{new.module}.py", f"test_{new.module}.py", "node", new)
     print_text(
         f"into a launch file, under nodes:\n  {new.module}:\n    run: nodes.{new.module}:{new.class_name}\n"
-        f"    inputs: {{heard: NODE/progress}}"
+        f"    inputs: {{received: NODE/progress}}"
     )
 
 

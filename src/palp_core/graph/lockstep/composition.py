@@ -108,7 +108,7 @@ class Composition:
         raise NodeError(name, f"a thread failed: {text}")
 
     def work_together(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
-        """Let nodes work, whoever stands by."""
+        """Let nodes work, though another is in standby."""
         return {index: self._nodes[index].work(message) for index, message in rounds.items()}
 
     def pending_commands(self) -> set[int]:
@@ -130,7 +130,7 @@ class Composition:
         return inspect_classes([request], workspace)[0]
 
     def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Standby:
-        """Configure a node beside the one that has its part."""
+        """Configure a node next to the one that has its part."""
         standby = Standby(-1, ManagedProcess(spec, log))
         with _failing(standby):
             self._standby_node = LockstepNode(

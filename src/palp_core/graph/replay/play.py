@@ -211,7 +211,7 @@ class PlayRun:
         raise GraphError("a bag is played here; end it where it was started, with Ctrl-C")
 
     def poll(self, now_ns: int) -> bool:
-        """Answer whoever asks, without waiting; return whether there may be more."""
+        """Answer requests, without waiting; return whether there may be more."""
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             self._sockets.publisher.send_heartbeats()

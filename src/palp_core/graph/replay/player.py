@@ -1,4 +1,4 @@
-"""Nodes that say again what recorded nodes said: the payload bytes as recorded, under the same topics.
+"""Nodes that publish again what recorded nodes published: the same payload bytes, under the same topics.
 
 In a launch file a :class:`Player` takes the place of a recorded node: it runs under that node's name, its
 outputs are that node's topics in the bag, and on either clock it publishes each message when the recorded

@@ -65,7 +65,7 @@ def replay(
 ) -> list[NodeReplay]:
     """Replay named nodes of a recorded run, each from the bag alone; its class is in the workspace.
 
-    ``close`` tells of two numbers whether they count as equal (another kind of processor rounds otherwise);
+    ``close`` returns whether two numbers count as equal (another kind of processor rounds otherwise);
     without it outputs are to have the recorded bytes.
     """
     with Bag(path) as bag, shared_process():
@@ -86,7 +86,7 @@ class _Replay:
     """One node driven from its written order.
 
     It begins where the node became active; in a recording that began later, where the node's state was
-    written down; and anew after a restart, a swap or a hole in the written order.
+    written down; and again after a restart, a swap or a hole in the written order.
     """
 
     def __init__(self, bag: Bag, spec: NodeSpec, workspace: str, close: Close | None) -> None:
@@ -175,7 +175,7 @@ class _Replay:
         self._executor = executor = _executor(spec, self._workspace, self._clock, self._frames)
         if hand_over is not None:
             executor.take_over(hand_over)
-            executor.ends.resume(hand_over)  # whatever it said as it took over, it has said before
+            executor.ends.resume(hand_over)  # what it published as it took over was published before
         self._frames.clear()
         self._synced.clear()
         self._hand_over = hand_over
@@ -185,7 +185,7 @@ class _Replay:
         return class_name(load_class(self._spec.run, self._workspace)) == name
 
     def _was_replaced(self, hand_over: HandOver) -> bool:
-        """Tell whether another class, or this one with other parameters, is at work since the last batch."""
+        """Return whether another class, or this one with other parameters, runs since the last batch."""
         assert self._executor is not None
         node = self._executor.node
         if class_name(type(node)) != hand_over.node_class:

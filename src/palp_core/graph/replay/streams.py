@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 
 LATE_NS = 5_000_000_000
-"""How much later than its successors a message may stand in a bag: what was missed is asked for at once."""
+"""How much later than its successors a message may be in a bag: what was missed is asked for at once."""
 
 MOST_SKIPPED = 1000
 Key = tuple[int, int]

@@ -58,7 +58,7 @@ def install_finders() -> None:
 
 
 class _Underlying(MetaPathFinder):
-    """Finds modules of ``nodes`` and ``msgs`` that nobody else has found."""
+    """Finds modules of ``nodes`` and ``msgs`` that no other finder has found."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
