@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from palp_core.palpation.devices.contract import PROMISES
+from collections.abc import Callable
+
+from palp_core.palpation.devices.contract import CONTRACTS, Subject, promises_of
 
 _HEAD = """# What a driver promises
 
@@ -17,5 +19,14 @@ and how. To write a driver, see [a driver](../how_to/driver.md). For what its me
 
 def promises_page() -> str:
     """Return the page as Markdown."""
-    rows = [f"| {', '.join(one.kinds)} | {one} | {(one.check.__doc__ or '').strip()} |\n" for one in PROMISES]
+    kinds: dict[str, list[str]] = {}
+    checks: dict[str, Callable[[Subject], None]] = {}
+    for kind in CONTRACTS:
+        for promise, check in promises_of(kind).items():
+            kinds.setdefault(promise, []).append(kind)
+            checks[promise] = check
+    rows = [
+        f"| {', '.join(kinds[promise])} | {promise} | {(check.__doc__ or '').strip()} |\n"
+        for promise, check in checks.items()
+    ]
     return _HEAD + "".join(rows)

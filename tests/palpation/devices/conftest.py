@@ -1,18 +1,15 @@
-"""What the devices' tests share: where the hardware is, an emulated rig, and waiting for events."""
+"""What the devices' tests share: an emulated rig, and waiting for events."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from tests.support.hardware import HARDWARE, Hardware, read_hardware
 
 QUICK = RigSettings(
     y_axis=AxisSettings(home_s=0.02),
@@ -22,31 +19,6 @@ QUICK = RigSettings(
 )
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--hardware",
-        default=None,
-        metavar="CONFIG",
-        help="YAML or TOML file of real devices for the contract suite, as docs/hardware.yaml",
-    )
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """Test real devices in one process: no two tests may move the same stage."""
-    return 0 if config.getoption("--hardware", default=None) else None
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    path = config.getoption("--hardware", default=None)
-    if path and config.getoption("numprocesses", default=0):
-        raise pytest.UsageError("--hardware: no two tests may move the same stage; leave -n out, or -n 0")
-    try:
-        config.stash[HARDWARE] = read_hardware(Path(path)) if path else {}
-    except DeviceError as error:
-        raise pytest.UsageError(str(error)) from error
-
-
 class Waiter:
     """Wait for events of other threads, never for a length of time."""
 
@@ -54,12 +26,6 @@ class Waiter:
         """Ask again and again until it holds; pytest ends a test that hangs."""
         while not holds():
             threading.Event().wait(0.002)
-
-
-@pytest.fixture
-def hardware(pytestconfig: pytest.Config) -> dict[str, Hardware]:
-    """The devices of ``--hardware`` by kind; none without it."""
-    return pytestconfig.stash[HARDWARE]
 
 
 @pytest.fixture

@@ -1,8 +1,4 @@
-"""What every device promises, simulated, emulated or real (``--hardware CONFIG``).
-
-CONFIG is a file as ``docs/hardware.yaml``. With it the stage **moves** up to 20 mm about y = 0 and the ring
-up to 10 mm, and only if the file says that they may.
-"""
+"""Simulated and emulated devices keep the contract, and a driver that breaks it is named."""
 
 from __future__ import annotations
 
@@ -17,61 +13,85 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.cli.rig.device_discovery import why_broken
-from palp_core.palpation.devices.contract import PROMISES, Promise, Subject, promises_of
+from palp_core.palpation.devices.contract import (
+    EmgContract,
+    RingContract,
+    StageContract,
+    Subject,
+    TorqueContract,
+    promises_of,
+)
 from palp_core.palpation.devices.emulator import EmulatedRig
-from palp_core.palpation.devices.registry import KINDS, kind_of, known_devices
+from palp_core.palpation.devices.registry import kind_of, known_devices
 from palp_core.palpation.devices.sim.ring import SimRing
-from tests.support.hardware import HARDWARE, Hardware
 
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
-BY_KIND = {kind: known_devices(kind) for kind in KINDS}
 SIM_OPTIONS: dict[str, dict[str, Any]] = {"emg": {"matrix": [[0.2] * 5] * 5}, "stage": {"lift_m": 0.002}}
 EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cut short has seconds of time
     "stage": {"lift_m": 0.002, "sweep_speed_m_per_s": 0.001, "return_speed_m_per_s": 0.005},
     "ring": {"speed_m_per_s": 1.25e-3},
 }
-PATIENCE_S = 120.0
 
 
-def cases(hardware: dict[str, Hardware]) -> Iterator[Any]:
-    """Yield every promise with every device that has it; a real one of each kind of hardware."""
-    without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
-    for promise in PROMISES:
-        for kind in promise.kinds:
-            for name in [*BY_KIND[kind], *(["hardware"] if kind in hardware else [])]:
-                marks = [without_lsl] if name == "lsl" else []
-                yield pytest.param(
-                    (kind, name), promise, id=f"{kind}-{name}-{promise.check.__name__}", marks=marks
-                )
+class Known:
+    """Has every known device of a kind as the subject."""
 
+    kind: str
 
-@pytest.fixture
-def subject(
-    request: pytest.FixtureRequest,
-    quick_rig: Callable[..., EmulatedRig],
-    hardware: dict[str, Hardware],
-    patient: dict[str, dict[str, Any]],
-) -> Iterator[Subject]:
-    kind, name = request.param
-    if name == "hardware":
-        made = Subject(kind, hardware[kind].device, hardware[kind].options, patience_s=PATIENCE_S)
-    elif name == "sim":
-        made = Subject(kind, name, SIM_OPTIONS.get(kind, {}), simulated=True)
-    else:
-        options = quick_rig(name).options[name] | patient[name] | EMULATED_OPTIONS.get(kind, {})
-        made = Subject(kind, name, options, patience_s=PATIENCE_S)
-    yield made
-    made.device.close()
+    @pytest.fixture
+    def subject(
+        self,
+        request: pytest.FixtureRequest,
+        quick_rig: Callable[..., EmulatedRig],
+        patient: dict[str, dict[str, Any]],
+    ) -> Iterator[Subject]:
+        kind, name = self.kind, request.param
+        if name == "sim":
+            made = Subject(kind, name, SIM_OPTIONS.get(kind, {}), simulated=True)
+        else:
+            options = quick_rig(name).options[name] | patient[name] | EMULATED_OPTIONS.get(kind, {})
+            made = Subject(kind, name, options, patience_s=120.0)
+        with made:
+            yield made
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    if "promise" in metafunc.fixturenames:
-        found = list(cases(metafunc.config.stash[HARDWARE]))
-        metafunc.parametrize(("subject", "promise"), found, indirect=["subject"])
+    if metafunc.cls is not None and issubclass(metafunc.cls, Known):
+        without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
+        devices = [
+            pytest.param(name, marks=[without_lsl] if name == "lsl" else [])
+            for name in known_devices(metafunc.cls.kind)
+        ]
+        metafunc.parametrize("subject", devices, indirect=True)
 
 
-def test_a_device_keeps_the_promise(subject: Subject, promise: Promise) -> None:
-    promise(subject)
+class TestStages(Known, StageContract):
+    kind = "stage"
+
+
+class TestRings(Known, RingContract):
+    kind = "ring"
+
+
+class TestTorqueSensors(Known, TorqueContract):
+    kind = "torque"
+
+
+class TestEmgAmplifiers(Known, EmgContract):
+    kind = "emg"
+
+
+def test_the_contract_moves_a_stage_no_farther_than_its_limits(
+    quick_rig: Callable[..., EmulatedRig], patient: dict[str, dict[str, Any]]
+) -> None:
+    rig = quick_rig("aerotech")
+    limits = {"y_m": [-0.021, 0.021], "z_m": [0.0, 0.010], "speed_m_per_s": 0.050}
+    options = rig.options["aerotech"] | patient["aerotech"] | {"lift_m": 0.002, "limits": limits}
+    with Subject("stage", "aerotech", options, patience_s=120.0) as subject:
+        promises_of("stage")["a stage takes one move at a time and stops when it must"](subject)
+    y_mm = rig.call(lambda _: [line.split()[2] for *_, line in rig.axes.log if line.startswith("MOVEABS X")])
+    assert y_mm
+    assert all(-21.0 <= float(place) <= 21.0 for place in y_mm)
 
 
 class Deaf(SimRing):
@@ -81,10 +101,13 @@ class Deaf(SimRing):
         return super().command(min(max(target_m, 0.0), 0.05), now_ns, state, rng)
 
 
-def test_a_driver_that_breaks_a_promise_is_told_which_and_how() -> None:
+def test_a_driver_that_breaks_a_promise_is_reported_which_and_how() -> None:
     name = f"{__name__}:Deaf"
     assert kind_of(name) == "ring"
-    broken = {str(one): why_broken(one, Subject("ring", name, simulated=True)) for one in promises_of("ring")}
+    broken = {
+        promise: why_broken(check, Subject("ring", name, simulated=True))
+        for promise, check in promises_of("ring").items()
+    }
     why = broken.pop("a ring refuses targets beyond its stroke")
     assert why == "it does not refuse a target of -0.001 m (with a DeviceError that says 'target_m')"
     assert set(broken.values()) == {""}
@@ -106,9 +129,9 @@ def test_the_verb_checks_a_driver_of_ones_own_and_moves_nothing_unasked(
         encoding="utf-8",
     )
     assert "clear the way and add --moves" in contract("other_stage:Mine")[1]
-    status, said = contract("other_stage:Mine", "--sim", "lift_m:=0.002")
-    assert status == 0, said
-    assert said.count("kept") == len(promises_of("stage"))
+    status, shown = contract("other_stage:Mine", "--sim", "lift_m:=0.002")
+    assert status == 0, shown
+    assert shown.count("kept") == len(promises_of("stage"))
     assert "cannot import 'no_stage:Mine'" in contract("no_stage:Mine")[1]
     listed = CliRunner().invoke(app, ["devices", "list", "other_stage:Mine"]).output
     assert "stage" in listed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from threading import Event
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 
 from palp_core.errors import DeviceError, in_words
 from palp_core.foreign import catch_foreign
-from palp_core.palpation.devices.contract import Promise, PromiseBroken, Subject
+from palp_core.palpation.devices.contract import Subject
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples, Mover, TorqueSamples
@@ -83,11 +83,12 @@ def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
     return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
 
 
-def why_broken(promise: Promise, subject: Subject) -> str:
+def why_broken(check: Callable[[Subject], None], subject: Subject) -> str:
     """Return why a device breaks a promise; "" if it keeps it."""
     try:
-        promise(subject)
-    except PromiseBroken as broken:
+        with subject:
+            check(subject)
+    except AssertionError as broken:
         return str(broken)
     except DeviceError as error:
         return f"it refuses: {in_words(error)}"

@@ -183,11 +183,11 @@ def contract(
         )
     broken = []
     with until_ctrl_c():
-        for promise in promises_of(kind):
-            why = why_broken(promise, Subject(kind, device, given, simulated, patience))
+        for promise, check in promises_of(kind).items():
+            why = why_broken(check, Subject(kind, device, given, simulated, patience))
             broken += [promise] if why else []
             line = f"BROKEN  {promise}\n        {why}" if why else f"kept    {promise}"
-            show({"promise": str(promise), "kept": not why, "text": why}, [line], as_json=as_json)
+            show({"promise": promise, "kept": not why, "text": why}, [line], as_json=as_json)
             sys.stdout.flush()
     if broken:
         sys.exit(1)
