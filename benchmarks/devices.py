@@ -43,13 +43,13 @@ from palp_core.palpation.devices.emulator import RigSettings
 from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.torque.ati import AtiState
 
 RNG = np.random.default_rng(0)
 STATES: dict[str, type[Any]] = {
     "stage": AerotechState,
     "ring": MaestroState,
-    "torque": WrenchState,
+    "torque": AtiState,
     "emg": EmgSourceState,
 }
 
@@ -71,7 +71,7 @@ def bare_can(options: dict[str, Any], seconds: float) -> float:
 def driven_can(options: dict[str, Any], seconds: float) -> float:
     """Return samples a second with the driver, drained as a node drains it."""
     sensor = open_device("torque", "ati", **options, rate_hz=0.0)
-    state, pause, count = WrenchState(), threading.Event(), 0
+    state, pause, count = AtiState(), threading.Event(), 0
     sensor.open(time.monotonic_ns(), state, RNG)
     begin = time.perf_counter()
     while (took := time.perf_counter() - begin) < seconds:

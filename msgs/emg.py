@@ -21,7 +21,7 @@ class EmgBlock(Message):
 class EmgReport(Message):
     """How a real source of EMG does; sent as often as blocks, even if nothing came.
 
-    ``condition`` is the source's state in words, ``text`` its cause; the counts are since the last report.
+    ``condition`` is the name of the source's state, ``text`` its cause; the counts are since the last report.
     """
 
     stamp_ns: Nanoseconds

@@ -5,7 +5,7 @@ from palp_core.units import Count, Metres, MetresNonNegative, Nanoseconds, Proba
 
 
 class Mount(Message):
-    """A phantom is put on the rig, anew even if it is the same one; ``remount`` counts from 0."""
+    """A phantom is put on the rig, even if it is the same one again; ``remount`` counts from 0."""
 
     stamp_ns: Nanoseconds
     code: str
@@ -28,7 +28,7 @@ class MountedReply(Message):
 class Trial(Message):
     """A trial begins: forget the belief.
 
-    ``number`` is that of the trial in its phase, from 1; ``trial`` tells messages of one trial from others'.
+    ``number`` is that of the trial in its phase, from 1; ``trial`` is the same in all messages of one trial.
     ``depth_m`` is the label; it and the phantom's ``code``, which would give it away, count only where
     ``label_known``.
     """
@@ -43,7 +43,7 @@ class Trial(Message):
 
 
 class PhantomTruth(Message):
-    """What the mounted phantom is in truth, and which contact rung stands for it; simulation only."""
+    """What the mounted phantom is in truth, and which contact model is used for it; simulation only."""
 
     stamp_ns: Nanoseconds
     code: str
@@ -57,7 +57,7 @@ class PhantomTruth(Message):
 class WorldTruth(Message):
     """What a mounting is off by in a world other than the paper's design; simulation only.
 
-    ``beside_m`` is the bead's distance beside the path; modulus and friction are shares.
+    ``beside_m`` is the bead's distance from the path; modulus and friction are shares.
     """
 
     stamp_ns: Nanoseconds

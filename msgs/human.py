@@ -39,7 +39,7 @@ class Countdown(Message):
 
 
 class HumanTrialBegun(Message):
-    """A trial begins; ``depth_m`` counts only where the subject is told it (``told``)."""
+    """A trial begins; ``depth_m`` counts only where the subject knows it (``told``)."""
 
     stamp_ns: Nanoseconds
     trial: Count

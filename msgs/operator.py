@@ -1,14 +1,14 @@
-"""What a person beside the rig is asked, and what they answer."""
+"""What a person at the rig is asked, and what they answer."""
 
 from palp_core import Message
 from palp_core.units import Count, Nanoseconds
 
 
 class Prompt(Message):
-    """What is wanted of the operator; the latest one stands until it is answered or another comes.
+    """What is wanted of the operator; the latest one is open until it is answered or another comes.
 
     ``kind`` is ``enter`` (Enter suffices), ``choice`` (one of ``choices``), ``text``, or ``none``: nothing is
-    wanted, ``text`` only tells. ``number`` tells prompts apart: an answer names the one it is to.
+    wanted, ``text`` only informs. ``number`` identifies the prompt: an answer names it.
     ``ends_ns`` is when it ends by itself, 0: never.
     """
 

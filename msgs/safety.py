@@ -1,4 +1,4 @@
-"""What the safety node hears, says and is asked."""
+"""What the safety node receives, publishes and is asked."""
 
 from palp_core import Message
 from palp_core.units import (
@@ -19,7 +19,7 @@ class LoadReport(Message):
 
     For who watches the sensor; torque over time, with its sign, is in ``TorqueBlock``.
     ``sample_ns`` is the time of the latest sample, 0 before the first. ``saturated_count`` and
-    ``faulty_count`` count samples that must not be used. ``condition`` is the sensor's state in words.
+    ``faulty_count`` count samples that must not be used. ``condition`` is the name of the sensor's state.
     """
 
     stamp_ns: Nanoseconds

@@ -25,7 +25,7 @@ class StagePose(Message):
 
 
 class SweepStatus(Message):
-    """Where a goal stands: ``sweeping``, ``swept`` or ``cancelled``, then ``ready`` for the next.
+    """State of a goal: ``sweeping``, ``swept`` or ``cancelled``, then ``ready`` for the next.
 
     ``enter_ns`` and ``leave_ns`` bound the way over the phantom; ``sample_count`` counts from ``swept`` on.
     """

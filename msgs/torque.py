@@ -17,7 +17,7 @@ class Contact(Message):
 class ContactGuard(Message):
     """A region in which a method fails, met by the sweeps of this mounting and ring, and what took over.
 
-    In words, one entry each; simulation only.
+    A text for each; simulation only.
     """
 
     stamp_ns: Nanoseconds

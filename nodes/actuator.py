@@ -4,39 +4,36 @@ from typing import Any, Literal
 
 from msgs.actuator import RingCommand, RingState, RingTruth
 from palp_core import Alarm, Params, Pub, Sub, on
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
 from palp_core.palpation.devices.protocols import RingDevice, RingReading
-from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.registry import find_device_mistakes, open_device
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.units import MillimetresNonNegative
 
 
-class ActuatorParams(Params):
-    """Set in the launch file. The defaults are an L12-50-210-06-I as its data sheet gives it.
+class RingNodeState(DeviceNodeState):
+    """What a replacement inherits: the commands that are not fulfilled, the one under way first."""
 
-    ``ring_error`` says how the data sheet's +-0.3 mm is read: ``uniform`` as hard limits, ``normal`` as the
-    band of 95 %. ``backlash_mm`` lets the ring lag by half of it behind the direction it came from (not
-    known: 0). Where a noise file (plan ``repeatability``) is named in ``noise``, the ring's error is normal
-    with its standard deviation, and the two parameters of it are not used.
-    """
-
-    device: str = "sim"
-    ring_error: Literal["uniform", "normal"] = "uniform"
-    repeatability_mm: MillimetresNonNegative = 0.3
-    backlash_mm: MillimetresNonNegative = 0.0
-    noise: str = ""
+    commands: list[RingCommand] = []
+    moving: bool = False
 
 
 class RingNode(DeviceNode):
-    """A node that moves a ring, simulated or real, as policy and experiment command."""
+    """Follow ring commands one after another; one that was stopped is begun again."""
 
     moves = True
+    state: RingNodeState
     device: RingDevice[Any]
     command = Sub(RingCommand)
     ring = Sub(RingCommand)
     ring_state = Pub(RingState)
+
+    def on_activate(self) -> None:
+        self.state.moving = False
+        super().on_activate()
 
     @on(command)
     def follow_policy(self, command: RingCommand) -> None:
@@ -47,8 +44,32 @@ class RingNode(DeviceNode):
         self.follow(command)
 
     def follow(self, command: RingCommand) -> None:
-        """Do as commanded, now or later."""
+        """Do as commanded, once what was commanded before is done."""
+        self.state.commands.append(command)
+        self.go_on()
+
+    def go_on(self) -> None:
+        """End the move under way if the ring has settled; begin the next if it may."""
+        state, begun = self.state, False
+        while state.commands:
+            if not state.moving:
+                if not self.begin(state.commands[0]):
+                    return
+                state.moving = begun = True
+            if not self.read().settled:
+                if begun:
+                    self.publish_ring(state.commands[0], settled=False)
+                return
+            state.moving = begun = False
+            self.end(state.commands.pop(0))
+
+    def begin(self, command: RingCommand) -> bool:
+        """Begin to move; return whether the device does."""
         raise NotImplementedError
+
+    def end(self, command: RingCommand) -> None:
+        """Publish that a command is fulfilled."""
+        self.publish_ring(command, settled=True)
 
     def send(self, command: RingCommand) -> int:
         """Send the device where it is to go; return the time at which it will have settled, in ns."""
@@ -76,26 +97,34 @@ class RingNode(DeviceNode):
         )
 
 
-class ActuatorState(DeviceNodeState):
-    """What a replacement inherits: the command under way or done last, and those that wait."""
+class ActuatorParams(Params):
+    """Set in the launch file. The defaults are an L12-50-210-06-I as its data sheet gives it.
 
-    under_way: RingCommand | None = None
-    moving: bool = False
-    waiting: list[RingCommand] = []
+    ``ring_error`` says how the data sheet's +-0.3 mm is read: ``uniform`` as hard limits, ``normal`` as the
+    band of 95 %. ``backlash_mm`` lets the ring lag by half of it behind the direction it came from (not
+    known: 0). Where a noise file (plan ``repeatability``) is named in ``noise``, the ring's error is normal
+    with its standard deviation, and the two parameters of it are not used.
+    """
+
+    device: str = "sim"
+    ring_error: Literal["uniform", "normal"] = "uniform"
+    repeatability_mm: MillimetresNonNegative = 0.3
+    backlash_mm: MillimetresNonNegative = 0.0
+    noise: str = ""
 
 
 class Actuator(RingNode):
-    """Follow ring commands in the order they come; a command during re-homing waits for its end."""
+    """Move a simulated ring, which settles when it says; publish where it is in truth."""
 
     simulates = True
     params: ActuatorParams
-    state: ActuatorState
     truth = Pub(RingTruth)
     settled = Alarm()
 
-    @staticmethod
-    def examine(params: ActuatorParams) -> dict[str, str]:
-        return file_mistakes(params) | device_mistakes("ring", params.device)
+    @classmethod
+    def find_mistakes(cls, params: ActuatorParams, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
+        find_device_mistakes("ring", params.device, None, mistakes)
 
     def on_configure(self) -> None:
         params = self.params
@@ -111,37 +140,24 @@ class Actuator(RingNode):
         )
 
     def on_activate(self) -> None:
-        self.state.moving, self.state.waiting = False, []  # what was under way ended with the last stop
         super().on_activate()
+        self.go_on()
 
     def on_deactivate(self) -> None:
         self.device.stop(self.now_ns(), self.memory)
         super().on_deactivate()
 
-    def follow(self, command: RingCommand) -> None:
-        state = self.state
-        if state.moving and state.under_way and state.under_way.rehome and not command.rehome:
-            state.waiting.append(command)
-            return
-        settled_ns = self.send(command)
-        state.under_way, state.moving = command, settled_ns > self.now_ns()
-        if state.moving:
-            self.publish_ring(command, settled=False)
+    def begin(self, command: RingCommand) -> bool:
+        if (settled_ns := self.send(command)) > self.now_ns():
             self.settled.set(settled_ns)
-        else:
-            self._rest(command)
+        return True
 
     @on(settled)
     def settle(self) -> None:
-        state = self.state
-        assert state.under_way is not None
-        state.moving = False
-        self._rest(state.under_way)
-        if state.waiting:
-            self.follow(state.waiting.pop(0))
+        self.go_on()
 
-    def _rest(self, command: RingCommand) -> None:
-        self.publish_ring(command, settled=True)
+    def end(self, command: RingCommand) -> None:
+        super().end(command)
         if isinstance(self.device, SimRing):
             self.truth.publish(
                 RingTruth(

@@ -6,7 +6,7 @@ import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
 from palp_core import Node, Params, Pub, ReadOnly, State, Sub, on
-from palp_core.errors import PerceptionError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
 from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
@@ -77,31 +77,28 @@ class Cocontraction(Node):
     emg = Sub(EmgBlock)
     cocontraction = Pub(CoContraction)
 
-    @staticmethod
-    def examine(params: CoContractionParams) -> dict[str, str]:
-        try:
+    @classmethod
+    def find_mistakes(cls, params: CoContractionParams, mistakes: Mistakes) -> None:
+        with mistakes.of("on_share"):
             params.bursts  # noqa: B018 - it refuses what does not fit together
-        except PerceptionError as error:
-            return {"on_share": str(error)}
-        return {}
 
     @on(emg)
     def process(self, block: EmgBlock) -> None:
         state = self.state
         samples = np.array([block.fds_v, block.edc_v])
-        if not state.offsets_v:  # the first block is at rest: it tells the electrodes' offset
+        if not state.offsets_v:  # the first block is at rest: it has the electrodes' offset
             state.offsets_v = [find_offset(muscle) for muscle in samples]
-        told = block.phase == "palpation" and bool(state.mvc_v)
-        if told and state.known is None:
+        published = block.phase == "palpation" and bool(state.mvc_v)
+        if published and state.known is None:
             state.known = self._calibrated(block.rate_hz)
-        known = state.known if told and state.known else UNSCALED
+        known = state.known if published and state.known else UNSCALED
         stream = self._stream(block.rate_hz, known)
         before = state.stream or stream.start()
         if block.phase != state.phase:  # no burst spans two phases, and the scale is another
             before, state.phase, state.phase_count = replace(before, bursts=BurstState()), block.phase, 0
         state.stream, out = stream.step(before, samples)
         self._remember(block, out.envelopes)
-        if not told:
+        if not published:
             return
         state.burst_count += len(out.bursts)
         if out.peaks:

@@ -10,11 +10,11 @@ from msgs.emg import EmgBlock, EmgReport
 from msgs.human import MuscleCue
 from palp_core import Alarm, Params, Pub, ReadOnly, Sub, Timer, on
 from palp_core.counted import counted
-from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
-from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
+from palp_core.graph.node.node import Mistakes
+from palp_core.palpation.devices.blocks import check_block, late_blocks
+from palp_core.palpation.devices.device_node import DeviceNodeState, SensorNode
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
-from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.palpation.devices.seen_rate import SeenRate
+from palp_core.palpation.devices.registry import find_device_mistakes, open_device
 from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms
@@ -29,20 +29,19 @@ SUBJECT = "palp_core.palpation.devices.sim.subject:SimSubject"
 class EmgParams(Params):
     """Set in the launch file.
 
-    The simulated subject rests, contracts to the maximum (MVC), rests, and palpates for ``palpation_s`` (the
-    paper: at most 60 s), following the average of the reconstructed human matrices. A real subject is told to
-    rest for ``rest_s``, contract for ``mvc_s`` and rest again from the start on, and then palpates to the
-    end.
+    From the start on the subject rests for ``rest_s``, contracts to the maximum (MVC) for ``mvc_s``, rests
+    again and palpates: a simulated one for ``palpation_s`` (the paper: at most 60 s), following the average
+    of the reconstructed human matrices; a real one to the end.
 
-    With ``cued`` none of this holds: the input ``cue`` says what is done from when on, and a sample has the
+    With ``cued`` none of this holds: the input ``cue`` gives what is done from when on, and a sample has the
     phase of its own time. ``phantoms``: by whose depths a simulated person palpates; in a ``blind`` session
     also by those of the codes that ``key`` names.
     """
 
     device: ReadOnly[str] = "sim"
     options: ReadOnly[dict[str, Any]] = {}
-    rest_s: Seconds = 2.0
-    mvc_s: Seconds = 5.0
+    rest_s: ReadOnly[Seconds] = 2.0
+    mvc_s: ReadOnly[Seconds] = 5.0
     rate_hz: HertzPositive = 1500.0
     block_samples: CountPositive = 75
     palpation_s: Seconds = 60.0
@@ -61,7 +60,9 @@ class EmgParams(Params):
         simulated: dict[str, Any] = {"matrix": figure5.matrices().mean(axis=0)}
         if self.device == SUBJECT:
             return {"rate_hz": self.rate_hz, **simulated, "chains": self._chains(), **self.options}
-        return {"rate_hz": self.rate_hz, **(simulated if self.device == "sim" else self.options)}
+        if self.device == "sim":
+            return {"rate_hz": self.rate_hz, "rest_s": self.rest_s, "mvc_s": self.mvc_s, **simulated}
+        return {"rate_hz": self.rate_hz, **self.options}
 
     def _chains(self) -> dict[str, Any]:
         """Return the human chain of the published depth that is nearest to each phantom's, by code."""
@@ -83,8 +84,8 @@ class EmgNodeState(DeviceNodeState):
     cued: list[str] = []
 
 
-class Emg(DeviceNode):
-    """Publish blocks of both muscles until the recording is over; say how a real source does."""
+class Emg(SensorNode):
+    """Publish blocks of both muscles until the recording is over; report the health of a real source."""
 
     simulates = True
     params: EmgParams
@@ -95,49 +96,42 @@ class Emg(DeviceNode):
     tick = Timer(hz="block_hz", running=True)
     end = Alarm()
 
-    @staticmethod
-    def examine(params: EmgParams) -> dict[str, str]:
-        too_long = block_mistakes(params.block_samples, params.rate_hz)
+    @classmethod
+    def find_mistakes(cls, params: EmgParams, mistakes: Mistakes) -> None:
+        with mistakes.of("block_samples"):
+            check_block(params.block_samples, params.rate_hz)
         has_key = params.blind and is_sealed(params.phantoms)
         shown = msgspec.structs.replace(params, blind=has_key)  # or the key is still to be drawn
-        return too_long | device_mistakes("emg", params.device, shown.driver_options())
+        find_device_mistakes("emg", params.device, shown.driver_options(), mistakes)
 
     def on_configure(self) -> None:
-        self.opened = False
         self.device = open_device("emg", self.params.device, **self.params.driver_options())
-        real = not isinstance(self.device, SimEmg)
-        if late := late_blocks("emg", 1.0 / self.params.block_hz, wall_clock=real):
+        self.real = not isinstance(self.device, SimEmg)
+        if late := late_blocks("emg", 1.0 / self.params.block_hz, wall_clock=self.real):
             self.log.warning("%s", late)
 
     def on_activate(self) -> None:
         self.state.begin_ns = self.now_ns()
-        self._open()
-        if isinstance(self.device, SimEmg) and not self.params.cued:
-            begin_ns = self.device.palpation_ns(self.memory)
-            self.end.set(begin_ns + round(self.params.palpation_s * 1e9))
+        super().on_activate()
+        if not self.real and not self.params.cued:
+            *_, palpates_ns = self._schedule_ns
+            self.end.set(palpates_ns + round(self.params.palpation_s * 1e9))
 
-    def on_resume(self) -> None:
-        self._open()
+    def drain_rest(self) -> None:
+        if self.real:
+            self.drain()
 
-    def _open(self) -> None:
-        self.device.open(self.now_ns(), self.memory, self.rng)
-        self.opened = True
-        self.seen_rate = SeenRate(self.params.rate_hz)
-
-    def on_deactivate(self) -> None:
-        if not self.opened:  # what could not be opened has nothing to drain or to close
-            return
-        if not isinstance(self.device, SimEmg):
-            self.drain()  # what has come since the last tick
-        self.opened = False
-        self.device.close()
+    @property
+    def _schedule_ns(self) -> tuple[int, int, int]:
+        """When the MVC begins and ends, and when the palpation begins."""
+        begin_ns, params = self.state.begin_ns, self.params
+        rest_ns, mvc_ns = round(params.rest_s * 1e9), round(params.mvc_s * 1e9)
+        return begin_ns + rest_ns, begin_ns + rest_ns + mvc_ns, begin_ns + 2 * rest_ns + mvc_ns
 
     @on(tick)
     def drain(self) -> None:
-        block = self.device.drain(self.now_ns(), self.memory, self.rng)
-        if not isinstance(self.device, SimEmg):
-            if words := self.seen_rate.note(self.now_ns(), len(block.times_ns)):
-                self.log.warning("%s", words)
+        block = self.drain_device()
+        if self.real:
             self._publish_report(block)
         # a block has equal steps of time, and one phase: a gap ends one, and so does a cue
         breaks = {*(np.flatnonzero(block.gap[1:]) + 1).tolist()}
@@ -169,7 +163,7 @@ class Emg(DeviceNode):
         )
 
     def _publish_report(self, block: Samples) -> None:
-        """Say how the source does; a gap is in the log, too."""
+        """Report the source's health; a gap is in the log, too."""
         health, gap_count = self.device.health(self.now_ns()), int(np.count_nonzero(block.gap))
         if gap_count:
             self.log.warning("%s in the EMG", counted(gap_count, "gap"))
@@ -185,20 +179,13 @@ class Emg(DeviceNode):
 
     def _phase(self, start_ns: int) -> str:
         if self.params.cued:
-            place = (
-                int(np.searchsorted(self.state.cue_ns, start_ns)) - 1
-            )  # what is cued at an instant is done after it
+            # what is cued at an instant is done after it
+            place = int(np.searchsorted(self.state.cue_ns, start_ns)) - 1
             return self.state.cued[place] if place >= 0 else "pause"
-        if not isinstance(self.device, SimEmg):
-            since_s = (start_ns - self.state.begin_ns) * 1e-9
-            rest_s, mvc_s = self.params.rest_s, self.params.mvc_s
-            if since_s >= 2.0 * rest_s + mvc_s:
-                return "palpation"
-            return "mvc" if rest_s <= since_s < rest_s + mvc_s else "rest"
-        mvc_begin_ns, mvc_end_ns = self.device.mvc_ns(self.memory)
-        if start_ns >= self.device.palpation_ns(self.memory):
+        mvc_ns, rests_ns, palpates_ns = self._schedule_ns
+        if start_ns >= palpates_ns:
             return "palpation"
-        return "mvc" if mvc_begin_ns <= start_ns < mvc_end_ns else "rest"
+        return "mvc" if mvc_ns <= start_ns < rests_ns else "rest"
 
     @on(end)
     def stop(self) -> None:

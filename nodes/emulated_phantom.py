@@ -19,7 +19,6 @@ from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.reporter import MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
-from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.world.model import read_world
 from palp_core.units import (
     Count,
@@ -79,7 +78,6 @@ class EmulatedPhantomState(MethodReporterState):
 class EmulatedPhantom(SimulatedPhantom):
     """Start stage, ring, sensor and amplifier as their wires show them, and change the phantom."""
 
-    examine = staticmethod(file_mistakes)
     params: EmulatedPhantomParams
     state: EmulatedPhantomState
     mount = Sub(Mount)
@@ -121,18 +119,18 @@ class EmulatedPhantom(SimulatedPhantom):
         self.rig = EmulatedRig(settings, ("aerotech", "maestro", "ati", "noraxon")).start()
 
     def uses(self) -> list[MethodUse]:
-        self.told_m_s = self.rig.contact.swept_m_s
-        return rig_uses(self.rig.contact.rig, self.told_m_s or None, self.rig.contact.settings.world)
+        self.reported_m_s = self.rig.contact.swept_m_s
+        return rig_uses(self.rig.contact.rig, self.reported_m_s or None, self.rig.contact.settings.world)
 
     def on_deactivate(self) -> None:
-        self.tell_guards()
+        self.publish_guards()
 
     def on_shutdown(self) -> None:
         self.rig.stop()
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
-        self.tell_guards()  # they are of the phantom that is taken off
+        self.publish_guards()  # they are of the phantom that is taken off
         height_m = self.draw_height_m(self.height_sd_m)
         self.rig.call(lambda _: self.rig.contact.mount(mount.code, height_m))
         self.state.code, self.state.remount = mount.code, mount.remount
@@ -142,9 +140,9 @@ class EmulatedPhantom(SimulatedPhantom):
             self.publish_offsets(mount, world, self.rig.call(lambda _: self.rig.contact.latents()))
 
     @every("guard_hz")
-    def tell_guards(self) -> None:
-        """Say what the contacts felt since the last look have met: once per mounting, ring and speed."""
-        if self.rig.contact.swept_m_s not in (0.0, self.told_m_s):
+    def publish_guards(self) -> None:
+        """Publish what the contacts since the last look have met: once per mounting, ring and speed."""
+        if self.rig.contact.swept_m_s not in (0.0, self.reported_m_s):
             self.publish_methods(self.uses())
         for met in self.rig.call(self._taken):
             self.publish_guard(met.code, self.state.remount, met.ring_m, met.words)

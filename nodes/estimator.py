@@ -10,12 +10,13 @@ from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from palp_core import Pub, ReadOnly, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.signal.features import Peak
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
 from palp_core.palpation.session.reading import ReadingMemory, SweepTorque, reading_of
-from palp_core.palpation.session.reading_params import ReadingParams, mistakes, resolve, uses_of
+from palp_core.palpation.session.reading_params import ReadingParams, find_mistakes, resolve, uses_of
 from palp_core.units import Float64Array, HertzPositive, MetresPerSecondPositive, Seconds
 
 
@@ -23,7 +24,7 @@ class EstimatorParams(ReadingParams):
     """Set in the launch file; the names are those of the methods register.
 
     ``auto`` for ``denoise``, ``feature``, ``filter``, ``trace_filter``, ``likelihood`` or ``stop`` leaves it
-    to the register, which goes by scene, noise, ``training``, ``max_probes`` and ``rate_hz``.
+    to the register, which chooses by scene, noise, ``training``, ``max_probes`` and ``rate_hz``.
     ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
     grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
     what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
@@ -62,7 +63,6 @@ class Estimator(MethodReporter):
     Its reading is the peak of the de-noised torque, or the whole torque as it comes.
     """
 
-    examine = staticmethod(mistakes)
     params: EstimatorParams
     state: EstimatorState
     trial = Sub(Trial)
@@ -73,6 +73,10 @@ class Estimator(MethodReporter):
     outlook = Pub(Outlook)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
+
+    @classmethod
+    def find_mistakes(cls, params: EstimatorParams, mistakes: Mistakes) -> None:
+        find_mistakes(params, mistakes)
 
     def on_configure(self) -> None:
         self._read_by(self.params)

@@ -14,14 +14,15 @@ from nodes.experiment_plan import (
     begin_trial_again,
     believed,
     design_of,
+    find_mistakes,
     is_right,
-    mistakes,
     note_judged,
     plan_of,
     progress_of,
     take_up_marked,
 )
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
@@ -31,10 +32,9 @@ Word = Literal["done", "continue", "decided", "undecided", "dropped", "failed"]
 
 
 class Experiment(Node):
-    """Ask the plan for the next step, do it, and tell the plan what came of it."""
+    """Ask the plan for the next step, do it, and reply to the plan."""
 
     records = True
-    examine = staticmethod(mistakes)
     params: ExperimentParams
     state: ExperimentState
     belief = Sub(Belief)
@@ -55,6 +55,10 @@ class Experiment(Node):
     progress = Pub(Progress)
     swap = Pub(Swap)
     waiting = Alarm()
+
+    @classmethod
+    def find_mistakes(cls, params: ExperimentParams, mistakes: Mistakes) -> None:
+        find_mistakes(params, mistakes)
 
     def on_configure(self) -> None:
         self.design = design_of(self.params)
@@ -106,7 +110,7 @@ class Experiment(Node):
         self.finish(0)
 
     def _set_up_again(self) -> bool:
-        """Put on what was on the rig and home the ring, before a trial begins again; tell if it is so."""
+        """Put on what was on the rig and home the ring, before a trial begins again; return if done."""
         state = self.state
         if state.mount_again:
             if self._mount_phantom(plan.MountPhantom(state.mount_again)) is None:
@@ -189,7 +193,7 @@ class Experiment(Node):
         if ring_there and state.ring_settled and state.stage_ready:
             state.swept, state.stage_ready = True, False
             state.goal_id += 1
-            if state.touch_changed:  # what the sweep meets is told anew
+            if state.touch_changed:  # what the sweep meets is reported again
                 state.guards, state.touch_changed = [], False
             self._send_goal(cancel=False)
 
@@ -237,7 +241,7 @@ class Experiment(Node):
     def note_ring(self, ring: RingState) -> None:
         state = self.state
         state.ring_settled = ring.settled
-        if not ring.settled and state.true_ring_m is None:  # nobody tells where it lands
+        if not ring.settled and state.true_ring_m is None:  # where it lands is not known
             state.touch_changed = True
         if ring.rehome:  # it returns to its target, so the last command stays fulfilled
             state.rehomed = ring.settled and ring.trial == state.trial
@@ -256,7 +260,7 @@ class Experiment(Node):
         state = self.state
         if truth.ring_m != state.true_ring_m:
             of_sweep = (truth.trial, truth.iteration) == (state.trial, state.iteration)
-            if state.swept and of_sweep:  # told after the ring's state, on which the goal was sent
+            if state.swept and of_sweep:  # it comes after the ring's state, on which the goal was sent
                 state.guards = []
             else:
                 state.touch_changed = True
@@ -304,9 +308,9 @@ class Experiment(Node):
             self.state.belief = [belief]
             self._advance()
 
-    def _is_present(self, said: Outlook | Palpation | Belief) -> bool:
-        """Tell whether something is of the palpation under way, and not of one that was ended before."""
-        return (said.trial, said.iteration) >= (self.state.trial, self.state.iteration)
+    def _is_present(self, message: Outlook | Palpation | Belief) -> bool:
+        """Return whether something is of the palpation under way, and not of one that was ended before."""
+        return (message.trial, message.iteration) >= (self.state.trial, self.state.iteration)
 
     @on(primitives)
     def note_primitives(self, learnt: PrimitivesLearnt) -> None:

@@ -1,6 +1,6 @@
 """What the experiment is set to do and remembers, the plan that follows from it, and how far it has come."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +10,8 @@ import numpy as np
 from msgs.estimation import Belief, Palpation
 from msgs.experiment import PolicyChange
 from palp_core import Params, Progress, ReadOnly, State
-from palp_core.errors import MethodError, PalpError, PerceptionError
+from palp_core.errors import PalpError, PerceptionError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
@@ -19,7 +20,7 @@ from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rin
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.audit import note_redone, to_be_redone
 from palp_core.palpation.session.method_choices import AUTO
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.palpation.session.orders import GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign, Specimens
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
@@ -50,7 +51,7 @@ class ExperimentParams(Params):
 
     ``training`` palpations per phantom and ring position of ``rings_mm``, ``trials`` of estimation per
     phantom. Order, re-homing and remounting were not published: ``training_order`` mixes the ring positions
-    of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` tells before what the ring's
+    of a mounting (randomised) or goes through them in turn (blocked); ``rehome`` is before what the ring's
     actuator is driven to its stop and back (never: only as a policy wants it). ``swaps`` names policies that
     take over: ``30=nodes.policy_markov:Markov``. ``out``, the record's folder, must hold no session, unless
     that is to be replaced (``overwrite``).
@@ -149,7 +150,7 @@ def believed(params: ExperimentParams) -> list[float]:
 
 
 def is_right(design: ExperimentDesign | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
-    """Tell whether the true depth is, of all phantoms' depths, the nearest to the estimate."""
+    """Return whether the true depth is, of all phantoms' depths, the nearest to the estimate."""
     depths_m = (
         (phantom.depth_m for phantom in design.phantoms) if isinstance(design, ExperimentDesign) else ()
     )
@@ -184,24 +185,19 @@ def design_of(params: ExperimentParams) -> ExperimentDesign | RepeatDesign:
     return ordered(design, params.mounting)
 
 
-def mistakes(params: ExperimentParams) -> dict[str, str]:
-    """Return what is wrong with the experiment asked for, by parameter; "" for what concerns several."""
-    if found := file_mistakes(params):
-        return found
-    checks: tuple[tuple[str, Callable[[], object]], ...] = (
-        ("rings_mm", lambda: rings_of(params.rings_mm)),
-        ("", lambda: design_of(params)),
-        ("swaps", lambda: plan.planned(params.swaps)),
-    )
-    for name, check in checks:
-        try:
-            check()
-        except (MethodError, PerceptionError, ValueError) as error:
-            if str(error) not in found.values():
-                found[name] = str(error)
+def find_mistakes(params: ExperimentParams, mistakes: Mistakes) -> None:
+    """Add what is wrong with the experiment asked for, by parameter; under "" what concerns several."""
+    find_file_mistakes(params, mistakes)
+    if mistakes:
+        return
+    with mistakes.of("rings_mm"):
+        rings_of(params.rings_mm)
+    with mistakes.of(""):
+        design_of(params)
+    with mistakes.of("swaps"):
+        plan.planned(params.swaps)
     if params.from_m == params.to_m:
-        found["to_m"] = f"from_m and to_m are both {params.to_m:g} m: a sweep needs a length"
-    return found
+        mistakes["to_m"] = f"from_m and to_m are both {params.to_m:g} m: a sweep needs a length"
 
 
 def plan_of(design: ExperimentDesign | RepeatDesign, state: ExperimentState) -> plan.Plan:
@@ -214,7 +210,7 @@ def plan_of(design: ExperimentDesign | RepeatDesign, state: ExperimentState) -> 
 def take_up_marked(
     state: ExperimentState, design: ExperimentDesign | RepeatDesign, folder: Path
 ) -> Iterator[str]:
-    """See, as a trial is over, what is to be done again at the end of the plan; yield what is to be said.
+    """See, as a trial is over, what is to be done again at the end of the plan; yield what is to be logged.
 
     Of a trial that was itself another one done again, that is noted.
     """
@@ -247,7 +243,7 @@ def _redone_by(state: ExperimentState, design: ExperimentDesign | RepeatDesign) 
 
 
 def begin_trial_again(state: ExperimentState, design: ExperimentDesign | RepeatDesign) -> None:
-    """Let the trial under way begin again on devices that have begun anew, after an interruption.
+    """Let the trial under way begin again on devices that have started again, after an interruption.
 
     Raises:
         PerceptionError: The plan is about what stays on the rig, and nothing did.
@@ -255,7 +251,7 @@ def begin_trial_again(state: ExperimentState, design: ExperimentDesign | RepeatD
     if isinstance(design, RepeatDesign):
         raise PerceptionError(
             "plan:=repeatability measures what stays while nothing is touched: an interrupted one cannot go "
-            "on with devices that have begun anew; begin it anew, too"
+            "on with devices that have started again; start it again, too"
         )
     state.mount_again, state.home_again = state.code, design.rehome != "never"
     state.trial_announced = state.commanded = state.swept = state.decided = False
@@ -268,7 +264,7 @@ def begin_trial_again(state: ExperimentState, design: ExperimentDesign | RepeatD
 
 # how far it has come
 
-_DEPTHS_TOLD = 6
+_MOST_DEPTHS = 6
 
 
 def progress_of(
@@ -315,10 +311,12 @@ def _trials_text(state: ExperimentState) -> str:
 
     Phantoms come in blocks: the share over all trials so far falls and rises with whose block it is.
     """
-    if not 1 < len(state.judged) <= _DEPTHS_TOLD:
+    if not 1 < len(state.judged) <= _MOST_DEPTHS:
         return "trials"
-    told = (f"{depth} {right} of {of}" for depth, (right, of) in sorted(state.judged.items(), key=_depth_mm))
-    return f"trials, right: {', '.join(told)}"
+    counts = (
+        f"{depth} {right} of {of}" for depth, (right, of) in sorted(state.judged.items(), key=_depth_mm)
+    )
+    return f"trials, right: {', '.join(counts)}"
 
 
 def _depth_mm(entry: tuple[str, list[int]]) -> float:

@@ -1,15 +1,16 @@
-"""Ask a person to put on a phantom, and tell the experiment when it is there."""
+"""Ask a person to put on a phantom, and report to the experiment when it is there."""
 
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
 from palp_core import Node, Params, Pub, Qos, Srv, State, Sub, on, serve
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.units import Count, MillimetresNonNegative
 
 INDENTATION_M = 0.004
-"""Where no scene tells: as the simulated phantom has it (assumed)."""
+"""Where no scene gives it: as of the simulated phantom (assumed)."""
 
 
 class OperatorParams(Params):
@@ -39,7 +40,6 @@ class Operator(Node):
     """Ask for each phantom, and wait for Enter (`palp session operate`) or for the service ``mounted``."""
 
     simulates = True  # its port `truth` says what the phantom was made as
-    examine = staticmethod(file_mistakes)
     params: OperatorParams
     state: OperatorState
     mount = Sub(Mount)
@@ -47,6 +47,10 @@ class Operator(Node):
     mounted = Srv(MountedRequest, MountedReply)
     prompt = Pub(Prompt, qos=Qos(durability="transient_local", depth=1))
     answer = Srv(AnswerRequest, AnswerReply)
+
+    @classmethod
+    def find_mistakes(cls, params: OperatorParams, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
 
     def on_configure(self) -> None:
         self.phantoms = load_phantoms(self.params.phantoms)

@@ -1,7 +1,7 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
@@ -9,6 +9,7 @@ from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
+from palp_core.graph.node.node import Mistakes
 from palp_core.methods import at_work
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.joint import GridMoments
@@ -18,7 +19,7 @@ from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.palpation.world.draws import SessionSweeps, SessionWorld, derive_seed, name_offsets, open_world
 from palp_core.palpation.world.model import WorldModel, read_world
 from palp_core.palpation.world.trace import WorldTrace
@@ -35,7 +36,7 @@ from palp_core.units import (
 MARGIN_M = 0.002
 HeightSpread = Annotated[float, quantity("mm", 0.0, 100.0)]
 SPEED_M_S = 0.02
-"""The published one, until a block of poses tells."""
+"""The published one, until a block of poses shows it."""
 
 
 class SimulatedPhantom(MethodReporter):
@@ -46,12 +47,16 @@ class SimulatedPhantom(MethodReporter):
     guard = Pub(ContactGuard)
     world_truth = Pub(WorldTruth)
 
+    @classmethod
+    def find_mistakes(cls, params: Any, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
+
     def draw_height_m(self, sd_m: float) -> float:
         """Return how much higher than nominal the surface lies this time; two numbers are drawn."""
         return sd_m * float(self.rng.standard_normal(2)[0])
 
     def publish_truth(self, mount: Mount, rig: Rig, height_m: float) -> None:
-        """Publish what the phantom is that was put on, and which contact model stands for it."""
+        """Publish what the phantom is that was put on, and which contact model is used for it."""
         bead, choice = rig.phantoms[mount.code].bead, rig.choices[mount.code]
         self.truth.publish(
             PhantomTruth(
@@ -119,7 +124,7 @@ class PhantomState(MethodReporterState):
     height_offset_m: float = 0.0
     ring_m: float = 0.0
     speed_m_s: float = 0.0
-    guard_told: bool = False
+    guard_published: bool = False
     world_seed: int = 0
     path_m: float = 0.0
     goal_path_m: float = 0.0
@@ -131,7 +136,6 @@ class PhantomState(MethodReporterState):
 class Phantom(SimulatedPhantom):
     """Answer poses with the torque of the equilibrium, solved once per ring position, mount and direction."""
 
-    examine = staticmethod(file_mistakes)
     params: PhantomParams
     state: PhantomState
     mount = Sub(Mount)
@@ -191,7 +195,7 @@ class Phantom(SimulatedPhantom):
             self._note_sweep(pose)
         if self.table is None:
             self.table = self._table(pose)
-            self._tell_guards(self.table)
+            self._publish_guards(self.table)
         self.contact.publish(
             Contact(
                 stamp_ns=self.now_ns(),
@@ -203,11 +207,11 @@ class Phantom(SimulatedPhantom):
         )
 
     def _forget(self) -> None:
-        self.table, self.sweeps, self.state.guard_told = None, None, False
+        self.table, self.sweeps, self.state.guard_published = None, None, False
         self.state.worn_m = self.state.path_m
 
     def _note_speed(self, pose: StagePose) -> None:
-        """See how fast the stage sweeps; what the mechanics vouch for depends on it."""
+        """See how fast the stage sweeps; what the mechanics guarantee depends on it."""
         way_m = pose.position_m
         if len(way_m) < 2:
             return
@@ -217,7 +221,7 @@ class Phantom(SimulatedPhantom):
             self.state.speed_m_s = speed_m_s
             self.publish_methods(self.uses())
             if self.table is not None:
-                self._tell_guards(self.table, again=True)
+                self._publish_guards(self.table, again=True)
 
     def _table(self, pose: StagePose) -> SweepTable | WorldTrace:
         if not self.state.code:
@@ -267,10 +271,10 @@ class Phantom(SimulatedPhantom):
         speed_m_s = state.speed_m_s or SPEED_M_S
         return self.sweeps.of(state.goal_from_m, state.goal_id, speed_m_s, forward=forward)
 
-    def _tell_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
+    def _publish_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
         """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""
         state = self.state
         words = list(self.rig.met(state.code, table.solved, state.speed_m_s or None))
-        if (words or again) and (again or not state.guard_told):
-            state.guard_told = True
+        if (words or again) and (again or not state.guard_published):
+            state.guard_published = True
             self.publish_guard(state.code, state.remount, state.ring_m, words)

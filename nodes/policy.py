@@ -11,8 +11,8 @@ from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import PolicyChange, Trial
 from palp_core import Params, Pub, Sub, on
-from palp_core.errors import PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.strategy import figure5, policies
 from palp_core.palpation.perception.strategy.trained_rings import (
@@ -31,14 +31,14 @@ RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_MM, extra_jso
 """A ring position."""
 
 ASKED_AGAIN = 3
-"""How often a policy that asks for an untrained ring position is asked anew before its trial is dropped."""
+"""How often a policy that asks for an untrained ring position is asked again before its trial is dropped."""
 
 FIRST_CHOICES = 3
-"""So many have to be of trained positions, or the node fails: at a swap while the old policy stands by."""
+"""So many have to be of trained positions, or the node fails: at a swap the old policy is there still."""
 
 
 class PolicyParams(Params):
-    """What every policy of palp is told: ``trained_mm``, the experiment's ring positions of training."""
+    """Parameters of every policy of palp: ``trained_mm``, the experiment's ring positions of training."""
 
     trained_mm: str = PUBLISHED
 
@@ -47,7 +47,7 @@ class PolicyNodeState(MethodReporterState):
     """What a replacement inherits, whichever policy it is: the trial under way and the ring it asked for.
 
     ``primitives`` is what training left, by name, row by row; ``tried_m`` the rings of this trial, ``landed``
-    whether the ring came anew to each, ``readings_n_m`` what was read there; ``heard`` the level of a
+    whether the ring moved to each, ``readings_n_m`` what was read there; ``burst_level`` the level of a
     person's latest burst, -1 before any. ``posterior`` is what was known last, empty before the first.
     ``chooser`` is the name of the policy that chose last, or that was there first.
     """
@@ -62,7 +62,7 @@ class PolicyNodeState(MethodReporterState):
     tried_m: list[float] = []
     landed: list[bool] = []
     readings_n_m: list[float] = []
-    heard: int = -1
+    burst_level: int = -1
     posterior: list[float] = []
     chooser: str = ""
 
@@ -93,29 +93,22 @@ class PolicyNode(MethodReporter):
     change = Pub(PolicyChange)
 
     @classmethod
-    def examine(cls, params: Any) -> dict[str, str]:
-        """Return what is wrong with the parameters: with each, and with rings that are not trained."""
-        found = cls.mistakes(params)
-        if isinstance(params, PolicyParams) and not found:
-            try:
-                trained_m = rings_of(params.trained_mm)
-            except PerceptionError as error:
-                return {"trained_mm": str(error)}
-            wrong = {name: untrained(rings_m, trained_m) for name, rings_m in cls.asks(params).items()}
-            found = {name: text for name, text in wrong.items() if text}
-        return found
-
-    @staticmethod
-    def mistakes(params: Any) -> dict[str, str]:  # noqa: ARG004 - for subclasses
-        """Return what is wrong with parameters of this policy, by parameter."""
-        return {}
+    def find_mistakes(cls, params: Any, mistakes: Mistakes) -> None:
+        """Add ring positions that may be asked for and are not trained; a subclass adds its own before."""
+        if mistakes or not isinstance(params, PolicyParams):
+            return
+        with mistakes.of("trained_mm"):
+            trained_m = rings_of(params.trained_mm)
+            for name, rings_m in cls.asks(params).items():
+                if text := untrained(rings_m, trained_m):
+                    mistakes[name] = text
 
     @staticmethod
     def asks(params: Any) -> dict[str, Sequence[float]]:  # noqa: ARG004 - for subclasses
         """Return the ring positions, m, that may be asked for, by the parameter that decides.
 
-        The key "" is for positions that no single parameter decides. What is not said here is known only when
-        the policy asks for it, in a trial.
+        The key "" is for positions that no single parameter decides. What is not listed here is known only
+        when the policy asks for it, in a trial.
         """
         return {}
 
@@ -133,10 +126,10 @@ class PolicyNode(MethodReporter):
         self.choice_count = 0  # what it chose when it was tried on the last messages does not count
 
     def _name(self) -> str:
-        """Return the name under which the policy stands in the record."""
+        """Return the name of the policy in the record."""
         return policy_name(f":{type(self).__name__}")
 
-    def _tell_change(self) -> None:
+    def _report_change(self) -> None:
         """Say so if another policy has chosen until now; called as this one has chosen a palpation."""
         state, name = self.state, self._name()
         if state.chooser not in ("", name):
@@ -151,7 +144,7 @@ class PolicyNode(MethodReporter):
         """Return what it reports of its policy."""
         return policy_use(self.policy)
 
-    def _tell_policy(self) -> None:
+    def _report_policy(self) -> None:
         """Say which policy chooses from this command on; parameters and what was learnt may change that."""
         of = (type(self.policy), self.params)
         if self.weighed is None or self.weighed[:2] != of:
@@ -186,7 +179,7 @@ class PolicyNode(MethodReporter):
         self.state.active = trial.phase == "estimation"
         if self.state.active:
             self.policy = self.choose()  # parameters may have changed since the last trial
-            self._tell_policy()
+            self._report_policy()
             self.state.trial, self.state.iteration = trial.trial, 0
             self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
             self.state.posterior = []
@@ -200,7 +193,7 @@ class PolicyNode(MethodReporter):
         state.readings_n_m.append(belief.reading_n_m)
         state.posterior = belief.posterior.tolist()
         self.policy = self.policy_for_next_probe()
-        self._tell_policy()
+        self._report_policy()
         self._next()
 
     def _next(self) -> None:
@@ -220,10 +213,10 @@ class PolicyNode(MethodReporter):
     @on(cocontraction)
     def _hear(self, cocontraction: CoContraction) -> None:
         if cocontraction.level_defined:
-            self.state.heard = cocontraction.level
+            self.state.burst_level = cocontraction.level
 
     def _present(self) -> policies.RingChoice:
-        """Return where this policy stands; after one that keeps no mean level, that of the ring."""
+        """Return the present choice of this policy; after one that keeps no mean level, that of the ring."""
         ring_m, mean_level = self.state.ring_m, self.state.mean_level
         if mean_level == 0.0:
             mean_level = figure5.LEVELS[_nearest(figure5.RINGS_M, ring_m)]
@@ -250,14 +243,14 @@ class PolicyNode(MethodReporter):
         return untrained([self.policy.rings_m[int(chosen.level)]], trained_m) if trained_m else ""
 
     def _command(self, chosen: policies.RingChoice) -> None:
-        state, anew = self.state, bool(chosen.renew)
+        state, renewed = self.state, bool(chosen.renew)
         state.iteration += 1
-        self._tell_change()
+        self._report_change()
         state.level, state.mean_level = int(chosen.level), float(chosen.mean_level)
         state.ring_m = self._reachable(self.policy.rings_m[state.level])
-        state.landed.append(anew or not state.tried_m or state.tried_m[-1] != state.ring_m)
+        state.landed.append(renewed or not state.tried_m or state.tried_m[-1] != state.ring_m)
         state.tried_m.append(state.ring_m)
-        if anew:
+        if renewed:
             self.command.publish(
                 RingCommand(
                     stamp_ns=self.now_ns(),

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from nodes.policy import PolicyNode, PolicyParams
 from palp_core.errors import MethodError
 from palp_core.graph.messages.builtin import MethodUse
+from palp_core.graph.node.node import Mistakes
 from palp_core.methods import find
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -12,7 +13,7 @@ from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.session.method_choices import given_by
 from palp_core.palpation.session.methods.used import used
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.units import CountPositive, MillimetresNonNegative
 
 
@@ -32,15 +33,13 @@ class Auto(PolicyNode):
 
     params: AutoParams
 
-    @staticmethod
-    def mistakes(params: AutoParams) -> dict[str, str]:
-        found = file_mistakes(params)
-        if not found:
-            try:
+    @classmethod
+    def find_mistakes(cls, params: AutoParams, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
+        if not mistakes:
+            with mistakes.of(""):
                 _policy(params)
-            except MethodError as error:
-                found[""] = str(error)
-        return found
+        super().find_mistakes(params, mistakes)
 
     @staticmethod
     def asks(params: AutoParams) -> dict[str, Sequence[float]]:

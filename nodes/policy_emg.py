@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from nodes.policy import PolicyNode, PolicyParams
-from palp_core.errors import PerceptionError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import EmgDriven
 from palp_core.units import Count
@@ -20,21 +20,19 @@ class Emg(PolicyNode):
 
     params: EmgPolicyParams
 
-    @staticmethod
-    def mistakes(params: EmgPolicyParams) -> dict[str, str]:
-        try:
+    @classmethod
+    def find_mistakes(cls, params: EmgPolicyParams, mistakes: Mistakes) -> None:
+        with mistakes.of("start_level"):
             EmgDriven(None, params.start_level)
-        except PerceptionError as error:
-            return {"start_level": str(error)}
-        return {}
+        super().find_mistakes(params, mistakes)
 
     @staticmethod
     def asks(params: EmgPolicyParams) -> dict[str, Sequence[float]]:
         return {"": EmgDriven(None, params.start_level).rings_m}
 
     def choose(self) -> policies.StiffnessPolicy:
-        heard = None if self.state.heard < 0 else self.state.heard
-        return EmgDriven(heard, self.params.start_level)
+        level = None if self.state.burst_level < 0 else self.state.burst_level
+        return EmgDriven(level, self.params.start_level)
 
     def policy_for_next_probe(self) -> policies.StiffnessPolicy:
         return self.choose()

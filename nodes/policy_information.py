@@ -1,9 +1,9 @@
-"""Probe where the next reading is expected to tell most about the depth."""
+"""Probe where the next reading is expected to give most information on the depth."""
 
 import numpy as np
 
 from nodes.policy import PolicyNode, PolicyParams, RingMillimetres
-from palp_core.errors import MethodError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives
@@ -13,7 +13,7 @@ from palp_core.palpation.perception.strategy import policies
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.method_choices import FeatureName, FilterName, names_of
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.units import CountPositive, Float64Array, MillimetresNonNegative
 
 
@@ -40,24 +40,19 @@ class InformationParams(PolicyParams):
     start_mm: RingMillimetres = 16.0
 
 
-def mistakes(params: InformationParams) -> dict[str, str]:
-    """Return what is wrong with the files and methods that parameters name, by parameter."""
-    found = file_mistakes(params)
-    for name, task in (("feature", "feature"), ("knows", "filter")):
-        if found:
-            break
-        try:
-            names_of({task: getattr(params, name)}, params)
-        except MethodError as error:
-            found[name] = str(error)
-    return found
-
-
 class Information(PolicyNode):
     """Greedy, one probe ahead, with what training left and what stays in the trial."""
 
-    mistakes = staticmethod(mistakes)
     params: InformationParams
+
+    @classmethod
+    def find_mistakes(cls, params: InformationParams, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
+        for name, task in (("feature", "feature"), ("knows", "filter")):
+            if not mistakes:
+                with mistakes.of(name):
+                    names_of({task: getattr(params, name)}, params)
+        super().find_mistakes(params, mistakes)
 
     def on_configure(self) -> None:
         self.made: tuple[InformationParams, dict[str, list[float]], latent.OffsetModel] | None = None
@@ -75,7 +70,7 @@ class Information(PolicyNode):
         return self.choose()
 
     def belief_from_posterior(self, posterior: Float64Array) -> latent.Belief:
-        """Return the classes' probabilities as told, and of the offsets what the trial's readings say."""
+        """Return the classes' probabilities as given, and of the offsets what the trial's readings imply."""
         state = self.state
         if not state.primitives:
             return super().belief_from_posterior(posterior)
@@ -85,7 +80,7 @@ class Information(PolicyNode):
         return belief_after(self._model(), list(probes)).with_classes(posterior)
 
     def _model(self) -> latent.OffsetModel:
-        """Return how readings spread and what stays; made anew where parameters or primitives are new."""
+        """Return how readings spread and what stays; made again where parameters or primitives are new."""
         kept, params = self.state.primitives, self.params
         if self.made is None or self.made[0] != params or self.made[1] != kept:
             names = (("mean_n_m", "mean"), ("sd_n_m", "sd"), ("floor_n_m", "floor"))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from nodes.policy import PolicyNode, PolicyParams
-from palp_core.errors import PerceptionError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.strategy import chain_file, figure5, policies
 from palp_core.units import MillimetresPositive, Probability
 
@@ -15,7 +15,7 @@ class MarkovParams(PolicyParams):
     ``matrices`` names the reconstruction of Figure 5; ``reading`` how eqs. (4) and (5) choose a level;
     ``mixture`` which depth's matrix is used while the depth is unknown. ``mean_level`` is the mean of
     P_{S,1}, from which the initial ring level is drawn (assumed). ``chain`` is of ``palp emg fit-policy``
-    that takes the place of both; ``depths_mm`` tells it the belief's depths, for mixture "posterior".
+    that takes the place of both; ``depths_mm`` are the belief's depths, for mixture "posterior".
     """
 
     matrices: Literal["ar1", "tridiagonal"] = "ar1"
@@ -31,14 +31,12 @@ class Markov(PolicyNode):
 
     params: MarkovParams
 
-    @staticmethod
-    def mistakes(params: MarkovParams) -> dict[str, str]:
-        try:
+    @classmethod
+    def find_mistakes(cls, params: MarkovParams, mistakes: Mistakes) -> None:
+        with mistakes.of("chain"):
             if params.chain:
                 _learnt(params)
-        except PerceptionError as error:
-            return {"chain": str(error)}
-        return {}
+        super().find_mistakes(params, mistakes)
 
     @staticmethod
     def asks(params: MarkovParams) -> dict[str, Sequence[float]]:

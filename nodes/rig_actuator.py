@@ -1,24 +1,24 @@
-"""Move a real anchor ring: what it says it is decides, and the safety node may stop it."""
+"""Move a real anchor ring: its feedback decides when it has settled, and the safety node may stop it."""
 
 from typing import Any
 
 from msgs.actuator import RingCommand
 from msgs.safety import RingReport, SafetyBeat
-from nodes.actuator import RingNode
+from nodes.actuator import RingNode, RingNodeState
 from palp_core import Params, Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.device_node import DeviceNodeState
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.registry import find_device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.units import DeadlineMilliseconds, HertzPositive
 
 LONG_NS = 15_000_000_000
-"""A move that takes longer is told: nothing is seen to happen meanwhile."""
+"""A move that takes longer is logged: nothing is seen to happen meanwhile."""
 
 
 class RigActuatorParams(Params):
-    """Set in the launch file; ``beat_ms`` is how long it goes on without a word of the safety node."""
+    """Set in the launch file; ``beat_ms`` is how long it goes on without a heartbeat of the safety node."""
 
     device: ReadOnly[str] = "maestro"
     options: ReadOnly[dict[str, Any]] = {}
@@ -26,27 +26,24 @@ class RigActuatorParams(Params):
     beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
 
 
-class RigActuatorState(DeviceNodeState):
-    """What a replacement inherits: the command under way and those that wait."""
+class RigActuatorState(RingNodeState):
+    """What a replacement inherits."""
 
-    commands: list[RingCommand] = []
-    activity: str = "ready"
     acknowledged_count: int = 0
 
 
 class RigActuator(RingNode):
-    """Follow ring commands one after another; one that was stopped is begun again after the trip."""
+    """Move by permission of the safety node; a command that a trip has stopped is begun again after it."""
 
-    moves = True
     params: RigActuatorParams
     state: RigActuatorState
     safety = Sub(SafetyBeat)
     report = Pub(RingReport)
     watch = Timer(hz="watch_hz", running=True)
 
-    @staticmethod
-    def examine(params: RigActuatorParams) -> dict[str, str]:
-        return device_mistakes("ring", params.device, params.options)
+    @classmethod
+    def find_mistakes(cls, params: RigActuatorParams, mistakes: Mistakes) -> None:
+        find_device_mistakes("ring", params.device, params.options, mistakes)
 
     def on_configure(self) -> None:
         self.device = open_device("ring", self.params.device, **self.params.options)
@@ -55,7 +52,7 @@ class RigActuator(RingNode):
         self.last_m = 0.0
 
     def on_activate(self) -> None:
-        self.state.activity, self.closed = "ready", ""
+        self.closed = ""
         super().on_activate()
 
     def on_resume(self) -> None:
@@ -63,32 +60,26 @@ class RigActuator(RingNode):
 
     def on_deactivate(self) -> None:
         try:
-            self.device.stop(self.now_ns(), self.memory)
-        except DeviceError as error:
-            self.log.warning("could not be stopped at the end: %s", error)
+            self.stop_device()
         finally:
             self.device.close()
-
-    def follow(self, command: RingCommand) -> None:
-        self.state.commands.append(command)
-        self._go_on()
 
     @on(safety)
     def note_beat(self, beat: SafetyBeat) -> None:
         self.permit.renew(beat.stamp_ns, permits=beat.permits)
-        if not beat.permits and self.state.activity == "moving":
-            self._hold(f"the safety node says: {beat.state}: {beat.cause}")
+        if not beat.permits and self.state.moving:
+            self._hold(f"the safety node is {beat.state}: {beat.cause}")
         if beat.acknowledged_count > self.state.acknowledged_count:
             self._recover(beat.acknowledged_count)
 
     @on(watch)
     def check(self) -> None:
-        if self.state.activity == "moving" and not self.permit.alive(self.now_ns()):
-            self._hold(self.permit.unheard_words)
+        if self.state.moving and not self.permit.alive(self.now_ns()):
+            self._hold(self.permit.lost_text)
         if self.closed:
             self._publish_report(self.last_m, Condition.LINK_LOST, self.closed)
             return
-        self._go_on()
+        self.go_on()
         reading, health = self.read(), self.device.health(self.now_ns())
         self.last_m = reading.measured_m
         self._publish_report(self.last_m, health.condition, health.cause or self.refused or reading.waits)
@@ -98,42 +89,34 @@ class RigActuator(RingNode):
             RingReport(
                 stamp_ns=self.now_ns(),
                 ring_m=ring_m,
-                moving=self.state.activity == "moving",
+                moving=self.state.moving,
                 condition=condition.value,
                 text=text,
                 acknowledged_count=self.state.acknowledged_count,
             )
         )
 
-    def _go_on(self) -> None:
-        """End the move under way if it has arrived; begin the next if it may."""
-        state, now_ns = self.state, self.now_ns()
-        if state.activity == "moving" and self.read().settled:
-            state.activity = "ready"
-            self.publish_ring(state.commands.pop(0), settled=True)
-        if state.activity != "ready" or not state.commands or self.closed or not self.permit.permits(now_ns):
-            return
-        command = state.commands[0]
+    def begin(self, command: RingCommand) -> bool:
+        now_ns = self.now_ns()
+        if self.closed or not self.permit.permits(now_ns):
+            return False
         try:
-            rests_ns = self.send(command)
+            settled_ns = self.send(command)
         except DeviceError as error:
             if str(error) != self.refused:
                 self.log.warning("%s", error)
-            self.refused = str(error)  # the safety node hears of it and decides
-            return
-        if rests_ns - now_ns > LONG_NS:
+            self.refused = str(error)  # the safety node reads it in the report, and decides
+            return False
+        if settled_ns - now_ns > LONG_NS:
             why = self.read().waits or "it is a long way"
-            self.log.warning("the ring rests in %.0f s only: %s", (rests_ns - now_ns) / 1e9, why)
-        state.activity, self.refused = "moving", ""
-        self.publish_ring(command, settled=False)
+            self.log.warning("the ring rests in %.0f s only: %s", (settled_ns - now_ns) / 1e9, why)
+        self.refused = ""
+        return True
 
     def _hold(self, why: str) -> None:
         """Stop where it is; the command stays the first to follow."""
-        self.state.activity = "ready"
-        try:
-            self.device.stop(self.now_ns(), self.memory)
-        except DeviceError as error:
-            self.log.warning("could not be stopped: %s", error)
+        self.state.moving = False
+        self.stop_device()
         self.log.warning("holds: %s", why)
 
     def _recover(self, count: int) -> None:

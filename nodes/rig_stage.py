@@ -1,12 +1,12 @@
 """Sweep with a real stage on the machine's clock, by permission of the safety node."""
 
 import math
-from typing import Any, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
-from msgs.stage import SweepGoal
 from nodes.stage import Stage, StageParams, StageState, window_of
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
@@ -28,8 +28,8 @@ class RigStageParams(StageParams):
     """Set in the launch file.
 
     The travel window is the sweep's path, the place of rest, and ``margin_mm``. ``beat_ms`` is how long the
-    stage goes on without a word of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
-    as nobody knows how the probe lies. The safety node is given ``device`` and ``options``, too.
+    stage goes on without a heartbeat of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
+    as how the probe lies is not known. The safety node has ``device`` and ``options``, too.
     """
 
     device: ReadOnly[str]
@@ -58,7 +58,6 @@ class RigStage(Stage):
         self.make_device()
         self.permit = MotionPermit(self.params.beat_ms * 1e-3)
         self.permits_sweep, self.check_ns = False, 0
-        self.waiting: list[SweepGoal] = []
         self.trouble = ""
         self.text = ""
 
@@ -76,9 +75,7 @@ class RigStage(Stage):
 
     def on_deactivate(self) -> None:
         try:
-            self.device.stop(self.now_ns(), self.memory)
-        except DeviceError as error:
-            self.log.warning("could not be stopped at the end: %s", error)
+            self.stop_device()
         finally:
             self.device.close()
 
@@ -89,7 +86,7 @@ class RigStage(Stage):
         self.permit.renew(beat.stamp_ns, permits=beat.permits)
         self.permits_sweep = beat.permits_sweep
         if not beat.permits and self.state.activity in ACTIVE:
-            self._halt("halted", f"the safety node says: {beat.state}: {beat.cause}")
+            self._halt("halted", f"the safety node is {beat.state}: {beat.cause}")
         if beat.acknowledged_count > self.state.acknowledged_count:
             self._recover(beat.acknowledged_count)
 
@@ -97,7 +94,7 @@ class RigStage(Stage):
     def check(self) -> None:
         now_ns, activity = self.now_ns(), self.state.activity
         if activity in ACTIVE and not self.permit.alive(now_ns):
-            self._halt("unheard", self.permit.unheard_words)
+            self._halt("no heartbeat", self.permit.lost_text)
         elif activity in ACTIVE and not (health := self.device.health(now_ns)).ok:
             self._halt(health.condition, health.cause)
         elif activity == "sweeping":
@@ -110,8 +107,8 @@ class RigStage(Stage):
                 self._raise_probe("retreating", self.params.retreat_speed_m_s)
             elif activity == "ready" and not self.permits_sweep:
                 self._check_link(now_ns)
-            elif activity == "ready" and self.waiting:
-                super().accept(self.waiting.pop(0))
+            elif activity == "ready":
+                super().begin_waiting()
         self._publish_report()
 
     def _halt(self, trouble: str, text: str) -> None:
@@ -120,10 +117,7 @@ class RigStage(Stage):
         self.arrival.clear()
         was, self.state.activity, self.state.at_start = self.state.activity, "halted", False
         self.trouble, self.text = trouble, text
-        try:
-            self.device.stop(self.now_ns(), self.memory)
-        except DeviceError as error:
-            self.log.warning("could not be stopped on this link: %s", error)
+        self.stop_device()
         self.log.warning("halted: %s", text)
         if was in UNFINISHED:
             self._publish_status("cancelled")
@@ -142,7 +136,7 @@ class RigStage(Stage):
             self.log.warning("%s", error)
             if self.device.health(now_ns).condition is Condition.LINK_LOST:
                 self.device.close()
-                self.state.activity = "down"  # it connects anew
+                self.state.activity = "down"  # it connects again
             else:
                 self.trouble, self.text = "device fault", str(error)
 
@@ -160,7 +154,7 @@ class RigStage(Stage):
     def _raise_probe(self, activity: str, speed_m_s: float) -> None:
         """Raise the probe where it is: rings move and phantoms are changed above the phantom."""
         self.state.activity = activity
-        self._begin_move(lambda: self.device.retreat(speed_m_s, self.now_ns(), self.memory))
+        self.begin_move(lambda: self.device.retreat(speed_m_s, self.now_ns(), self.memory))
 
     def _check_link(self, now_ns: int) -> None:
         """Move a little, raised, so that the safety node can see its own link follow this stage."""
@@ -170,7 +164,7 @@ class RigStage(Stage):
         middle_m = 0.5 * sum(window_of(self.params).y_m)
         to_m = y_m + math.copysign(CHECK_MOVE_M, middle_m - y_m)
         self.state.activity, self.state.at_start = "checking", False
-        self._begin_move(lambda: self.device.return_to(to_m, self.now_ns(), self.memory, height_m=lift_m))
+        self.begin_move(lambda: self.device.return_to(to_m, self.now_ns(), self.memory, height_m=lift_m))
 
     def _be_ready(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
@@ -178,14 +172,8 @@ class RigStage(Stage):
 
     # Motion
 
-    @on(Stage.goal)
-    def accept(self, goal: SweepGoal) -> None:
-        if goal.cancel:
-            self.waiting.clear()
-            if self.cancels(goal):
-                self._cancel()
-        else:
-            self.waiting.append(goal)
+    def begin_waiting(self) -> None:
+        """Wait for the next check, which knows whether a sweep is permitted."""
 
     def _cancel(self) -> None:
         try:
@@ -193,22 +181,18 @@ class RigStage(Stage):
         except DeviceError as error:
             self._halt("device fault", str(error))
 
-    def _return(self, activity: str) -> None:
-        self.state.activity = activity
-        self._begin_move(self._go_back)
-
-    def _begin_move(self, move: Any) -> None:
+    def begin_move(self, move: Callable[[], int]) -> None:
         """Begin a move that arrives, if it may begin."""
         try:
             if not self.permit.permits(self.now_ns()):
                 raise DeviceError("the safety node does not permit motion")
-            self.arrival.set(move())
+            super().begin_move(move)
         except DeviceError as error:
             self._halt("device fault", str(error))
 
     def _sweep(self) -> None:
         if not self.permit.permits(self.now_ns()):
-            self._halt("unheard", "the safety node does not permit motion")
+            self._halt("no heartbeat", "the safety node does not permit motion")
             return
         try:
             super()._sweep()

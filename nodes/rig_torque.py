@@ -10,16 +10,16 @@ from msgs.safety import LoadReport
 from msgs.torque import TorqueBlock
 from palp_core import Params, Pub, ReadOnly, Timer, on
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
-from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
+from palp_core.graph.node.node import Mistakes
+from palp_core.palpation.devices.blocks import check_block, late_blocks
+from palp_core.palpation.devices.device_node import DeviceNodeState, SensorNode
 from palp_core.palpation.devices.protocols import TorqueSamples as Samples
 from palp_core.palpation.devices.protocols import TorqueSensor
-from palp_core.palpation.devices.registry import device_mistakes, open_device
-from palp_core.palpation.devices.seen_rate import SeenRate
+from palp_core.palpation.devices.registry import find_device_mistakes, open_device
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import CountPositive, HertzPositive, MillisecondsPositive, NewtonMillimetresPositive
 
-LARGEST_N_M, LARGEST_N = 1e3, 1e4  # what a message can say
+LARGEST_N_M, LARGEST_N = 1e3, 1e4  # bounds of the message's fields
 
 
 class RigTorqueParams(Params):
@@ -28,7 +28,7 @@ class RigTorqueParams(Params):
     ``load_hz`` is how often the sensor is asked for what came, ``block_samples`` how many samples make a
     block. ``tare`` takes the mean of the first ``tare_samples`` for zero: the probe must hang free then;
     ``never`` keeps the zero that the state brings. ``largest_gap_ms`` is the longest time between two samples
-    of one block. ``range_n_mm`` is the largest torque that the sensor can tell (the maker's figure for
+    of one block. ``range_n_mm`` is the largest torque that the sensor can measure (the maker's figure for
     SI-12-0.12), as of the safety node.
     """
 
@@ -53,7 +53,7 @@ class RigTorqueState(DeviceNodeState):
     tared: bool = False
 
 
-class RigTorque(DeviceNode):
+class RigTorque(SensorNode):
     """Publish blocks always, not only while something is swept; the estimator cuts them by time."""
 
     params: RigTorqueParams
@@ -63,18 +63,17 @@ class RigTorque(DeviceNode):
     load = Pub(LoadReport)
     tick = Timer(hz="load_hz", running=True)
 
-    @staticmethod
-    def examine(params: RigTorqueParams) -> dict[str, str]:
-        if "range_n_m" in params.options:
-            return {
-                "options": "the range of the sensor is told as range_n_mm, as the safety node needs it, too"
-            }
-        too_long = block_mistakes(params.block_samples, params.rate_hz)
-        return too_long | device_mistakes("torque", params.device, params.driver_options())
+    @classmethod
+    def find_mistakes(cls, params: RigTorqueParams, mistakes: Mistakes) -> None:
+        with mistakes.of("block_samples"):
+            check_block(params.block_samples, params.rate_hz)
+        with mistakes.of("options"):
+            if "range_n_m" in params.options:
+                raise DeviceError("range_n_m: set range_n_mm in its place, as the safety node needs it, too")
+            find_device_mistakes("torque", params.device, params.driver_options(), mistakes)
 
     def on_configure(self) -> None:
         p = self.params
-        self.opened = False
         self.device = open_device("torque", p.device, **p.driver_options())
         for late in (
             late_blocks("torque", p.block_samples / p.rate_hz, wall_clock=True),
@@ -90,27 +89,19 @@ class RigTorque(DeviceNode):
 
     def on_activate(self) -> None:
         self.state.tared = self.state.tared or self.params.tare == "never"
-        self.device.open(self.now_ns(), self.memory, self.rng)
-        self.opened = True
-        self.seen_rate = SeenRate(self.params.rate_hz)
+        super().on_activate()
 
     def on_resume(self) -> None:
         self.on_activate()
 
-    def on_deactivate(self) -> None:
-        if not self.opened:  # what could not be opened has nothing to drain or to close
-            return
-        self.drain()  # what has come since the last tick, and the block that is not full yet
-        if self.times_ns:
+    def drain_rest(self) -> None:
+        self.drain()
+        if self.times_ns:  # the block that is not full yet
             self._publish()
-        self.opened = False
-        self.device.close()
 
     @on(tick)
     def drain(self) -> None:
-        samples = self.device.drain(self.now_ns(), self.memory, self.rng)
-        if words := self.seen_rate.note(self.now_ns(), len(samples.times_ns)):
-            self.log.warning("%s", words)
+        samples = self.drain_device()
         if not self.state.tared:
             self._tare(samples)
             return
@@ -141,7 +132,7 @@ class RigTorque(DeviceNode):
         self.log.info("zero: %s", [f"{value:.5f}" for value in zero])
 
     def _report(self, samples: Samples) -> None:
-        """Say how large the loads are; a number that is none counts as faulty.
+        """Report how large the loads are; a number that is none counts as faulty.
 
         Plain numbers: one or two samples come at a time, of which arrays make ten times the work.
         """

@@ -21,11 +21,12 @@ from msgs.safety import (
 )
 from palp_core import DiagnosticStatus, Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, every, on, serve
 from palp_core.errors import DeviceError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reconnection import Reconnection
 from palp_core.palpation.devices.protocols import StopLink
-from palp_core.palpation.devices.registry import device_mistakes, open_stop_link, require_stop_link
+from palp_core.palpation.devices.registry import find_device_mistakes, open_stop_link, require_stop_link
 from palp_core.palpation.devices.safety.link_check import Direction, LinkCheck, StagePlace
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
@@ -40,7 +41,6 @@ from palp_core.palpation.devices.safety.watchdog import (
 from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
 from palp_core.units import (
     DeadlineMilliseconds,
-    Float64Array,
     HertzPositive,
     Metres,
     MetresPerSecondPositive,
@@ -55,8 +55,8 @@ SEARCH_NS = 1_000_000_000
 KEEP_NS = 1_000_000_000
 ADVICE = "motion is stopped; when all is well, type: palp safety ack"
 GOES_ON = (
-    "once all that is watched is heard again, the rig goes on by itself: the stage raises the probe slowly, "
-    "and a palpation that was cut is done again, in the same trial; nothing is to be pressed"
+    "once all that is watched has reported again, the rig goes on by itself: the stage raises the probe "
+    "slowly, and a palpation that was cut is done again, in the same trial; nothing is to be pressed"
 )
 """What follows an acknowledgement, by the rig's own stage and experiment."""
 NO_LINK = "none"
@@ -83,7 +83,7 @@ UNSEEN = "own link not yet seen to follow the stage: no sweep before that"
 class SafetyParams(Params):
     """Set in the launch file. The limits are assumed.
 
-    ``range_n_mm`` and ``range_n`` are the largest torque and force that the sensor can tell (the maker's
+    ``range_n_mm`` and ``range_n`` are the largest torque and force that the sensor can measure (the maker's
     figures for SI-12-0.12); a stop above them could never trip and is refused.
 
     ``device`` and ``options`` are the stage's driver and its options, as the stage's node has them.
@@ -132,68 +132,29 @@ def limits_of(p: SafetyParams) -> WatchLimits:
     )
 
 
-def mistakes(params: SafetyParams) -> dict[str, str]:
-    """Return what is wrong with the limits, by parameter; "" for what concerns several."""
-    try:
-        limits_of(params)
-    except DeviceError as error:
-        guilty = {
-            "stop_n_mm": params.stop_n_mm > params.range_n_mm,
-            "warn_n_mm": params.warn_n_mm > params.stop_n_mm,
-            "stop_n": params.stop_n > params.range_n,
-            "warn_n": params.warn_n > params.stop_n,
-        }
-        return {next((name for name, wrong in guilty.items() if wrong), ""): str(error)}
-    if found := device_mistakes("stage", params.device):
-        return found
-    if not params.stop_link:
-        return {"stop_link": "stop_link is empty; give the address of the stage's second link, or none"}
-    try:
-        if params.stop_link != NO_LINK:
-            require_stop_link(params.device)
-    except DeviceError as error:
-        return {"stop_link": str(error)}
-    return {}
-
-
-class Rows(deque[tuple[int, tuple[float, ...]]]):
-    """What was said within a second, by when it was said: a sample may be stamped with any nonsense."""
-
-    def add(self, said_ns: int, *row: float) -> None:
-        """Remember a row and forget what is too old."""
-        self.append((said_ns, row))
-        while self[0][0] < said_ns - KEEP_NS:
-            self.popleft()
-
-    def table(self, width: int) -> Float64Array:
-        """Return the rows, shape (n, width)."""
-        return np.array([row for _, row in self], dtype=np.float64).reshape(-1, width)
-
-
 class LastSecond:
-    """Remember loads, places and ring positions for a second."""
+    """Remember loads, places and ring positions for a second, by when they were reported.
+
+    A sample may be stamped with any nonsense, a report is not.
+    """
 
     def __init__(self) -> None:
-        self._loads, self._places, self._rings = Rows(), Rows(), Rows()
+        self.loads, self.places, self.rings = (deque[tuple[int, tuple[float, ...]]]() for _ in range(3))
 
-    def add_load(self, report: LoadReport) -> None:
-        """Remember a load, if there is a sample behind it."""
-        if report.sample_count:
-            self._loads.add(report.stamp_ns, report.sample_ns, report.torque_n_m, report.force_n)
-
-    def add_stage(self, report: StageReport) -> None:
-        """Remember a place."""
-        self._places.add(report.stamp_ns, report.stamp_ns, report.y_m, report.z_m)
-
-    def add_ring(self, report: RingReport) -> None:
-        """Remember a ring position."""
-        self._rings.add(report.stamp_ns, report.stamp_ns, report.ring_m)
+    def add(self, rows: deque[tuple[int, tuple[float, ...]]], reported_ns: int, *row: float) -> None:
+        """Remember a row and forget what is too old."""
+        rows.append((reported_ns, row))
+        while rows[0][0] < reported_ns - KEEP_NS:
+            rows.popleft()
 
     def trip(
         self, now_ns: int, cause: str, text: str, *, cause_ns: int, written_ns: int, disabled_ns: int
     ) -> Trip:
         """Return the record of a trip."""
-        loads, places, rings = self._loads.table(3), self._places.table(3), self._rings.table(2)
+        loads, places, rings = (
+            np.array([row for _, row in rows], dtype=np.float64).reshape(-1, width)
+            for rows, width in ((self.loads, 3), (self.places, 3), (self.rings, 2))
+        )
         return Trip(
             stamp_ns=now_ns,
             cause=cause,
@@ -225,7 +186,6 @@ class Safety(Node):
     """Trip at the first limit that is passed: ABORT, then DISABLE, hold the ring, latch, and say why."""
 
     moves = True
-    examine = staticmethod(mistakes)
     same_params: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "stage": (
             "device", "options", "from_m", "to_m", "margin_mm", "lift_mm", "speed_m_s", "beat_ms",
@@ -244,6 +204,23 @@ class Safety(Node):
     stop = Srv(StopRequest, StatusReply)
     acknowledge = Srv(AcknowledgeRequest, AcknowledgeReply)
     status = Srv(StatusRequest, StatusReply)
+
+    @classmethod
+    def find_mistakes(cls, params: SafetyParams, mistakes: Mistakes) -> None:
+        guilty = {
+            "stop_n_mm": params.stop_n_mm > params.range_n_mm,
+            "warn_n_mm": params.warn_n_mm > params.stop_n_mm,
+            "stop_n": params.stop_n > params.range_n,
+            "warn_n": params.warn_n > params.stop_n,
+        }
+        with mistakes.of(next((name for name, wrong in guilty.items() if wrong), "")):
+            limits_of(params)
+        find_device_mistakes("stage", params.device, None, mistakes)
+        with mistakes.of("stop_link"):
+            if not params.stop_link:
+                raise DeviceError("it is empty; give the address of the stage's second link, or none")
+            if params.stop_link != NO_LINK:
+                require_stop_link(params.device)
 
     def on_configure(self) -> None:
         self.watchdog, state = Watchdog(limits_of(self.params)), self.state
@@ -280,11 +257,13 @@ class Safety(Node):
         finally:
             self.link.close()
 
-    # What is heard
+    # What is received
 
     @on(load)
     def note_load(self, report: LoadReport) -> None:
-        self.memory.add_load(report)
+        if report.sample_count:
+            row = (report.sample_ns, report.torque_n_m, report.force_n)
+            self.memory.add(self.memory.loads, report.stamp_ns, *row)
         before = self.watchdog.warning
         spoilt = (report.saturated_count > 0, report.faulty_count > 0, report.condition)
         load = WatchedLoad(report.sample_ns, report.torque_n_m, report.force_n, *spoilt, report.stamp_ns)
@@ -297,7 +276,8 @@ class Safety(Node):
 
     @on(stage)
     def note_stage(self, report: StageReport) -> None:
-        self.memory.add_stage(report)
+        row = (report.stamp_ns, report.y_m, report.z_m)
+        self.memory.add(self.memory.places, report.stamp_ns, *row)
         released = report.acknowledged_count == self.machine.acknowledged_count
         place = (report.stamp_ns, report.y_m, report.z_m, report.speed_m_s)
         words = report.condition, report.text
@@ -306,7 +286,7 @@ class Safety(Node):
         self.check.note_stage(StagePlace(report.asked_ns, report.answered_ns, report.y_m, report.z_m))
         self._judge_link(report.stamp_ns)
         self.moving = report.moving
-        if report.stamp_ns <= self.stopped_ns:  # said before the stop was done
+        if report.stamp_ns <= self.stopped_ns:  # from before the stop was done
             return
         if self.machine.state is Standing.STOPPING and not self._link_stops and not report.moving:
             self._handle(Event.STOPPED)
@@ -315,7 +295,7 @@ class Safety(Node):
 
     @on(ring)
     def note_ring(self, report: RingReport) -> None:
-        self.memory.add_ring(report)
+        self.memory.add(self.memory.rings, report.stamp_ns, report.stamp_ns, report.ring_m)
         released = report.acknowledged_count == self.machine.acknowledged_count
         seen = report.stamp_ns, report.condition, report.text
         self._judge(self.watchdog.check_ring(*seen, released=released), report.stamp_ns)
@@ -353,7 +333,7 @@ class Safety(Node):
         ]
 
     def _judge_axes(self) -> None:
-        """Judge what the controller has said of its axes on the own link."""
+        """Judge what the controller has answered of its axes on the own link."""
         axes = []
         try:
             axes = self.link.reports() if self.link is not None else []
@@ -377,7 +357,7 @@ class Safety(Node):
         return self.link is not None and not self.check.contradiction
 
     def _link_violation(self) -> list[LimitViolation]:
-        return [LimitViolation(Cause.WRONG_LINK, said)] if (said := self.check.contradiction) else []
+        return [LimitViolation(Cause.WRONG_LINK, text)] if (text := self.check.contradiction) else []
 
     def _judge_link(self, cause_ns: int) -> None:
         if self.machine.permits:
@@ -407,7 +387,7 @@ class Safety(Node):
             self._handle(Event.STOPPED)
 
     def _stop_motion(self) -> tuple[int, int]:
-        """ABORT first, then tell stage and ring, then DISABLE; return when both were written."""
+        """ABORT first, then the beat for stage and ring, then DISABLE; return when both were written."""
         written_ns = disabled_ns = 0
         self.host.observe(self.now_ns())
         if (link := self.again.fetch()) is not None:
@@ -450,7 +430,7 @@ class Safety(Node):
         return self._status()
 
     @serve(status)
-    def tell(self, request: StatusRequest) -> StatusReply:
+    def report_status(self, request: StatusRequest) -> StatusReply:
         return self._status()
 
     def _status(self) -> StatusReply:
@@ -502,8 +482,10 @@ class Safety(Node):
         found = [] if self.link is None else self._link_checks(self.link)
         if self.link is None:
             found.append(SafetyCheck(name="own link", verified_ns=0, text=ONE_LINK))
-        heard = {name: ("heard" if at else "not heard", at) for name, at in self.watchdog.heard_ns.items()}
-        found += [SafetyCheck(name=name, verified_ns=at, text=text) for name, (text, at) in heard.items()]
+        found += [
+            SafetyCheck(name=name, verified_ns=at, text="reported" if at else "no report yet")
+            for name, at in self.watchdog.reported_ns.items()
+        ]
         found += [SafetyCheck(name=name, verified_ns=0, text=text) for name, text in NOT_VERIFIED.items()]
         return found
 
@@ -521,7 +503,7 @@ class Safety(Node):
         return found
 
     def _publish_status(self) -> None:
-        """Say what a person is to see, wherever he looks."""
+        """Publish what a person is to see, in whichever view."""
         now_ns, tripped = self.now_ns(), f"tripped: {self.state.cause}: {self.state.text}"
         self.diagnostics.publish(
             DiagnosticStatus(stamp_ns=now_ns, level="error", text=tripped, advice=ADVICE)

@@ -1,6 +1,7 @@
 """Sweep the probe over the phantom at constant speed, and return by another path."""
 
 import math
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import msgspec
@@ -9,14 +10,15 @@ import numpy as np
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Params, Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.blocks import Stream, block_mistakes, late_blocks
+from palp_core.graph.node.node import Mistakes
+from palp_core.palpation.devices.blocks import Stream, check_block, late_blocks
 from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
 from palp_core.palpation.devices.limits import TravelLimits, check_lift
 from palp_core.palpation.devices.protocols import StageDevice, StageOptions
-from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.registry import find_device_mistakes, open_device
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import StagePath
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.units import (
     CountPositive,
     HertzPositive,
@@ -27,7 +29,7 @@ from palp_core.units import (
 )
 
 END_NS = 50_000_000
-"""The end of a sweep is told at the next multiple of this, however long blocks are: no time hangs on them."""
+"""The end of a sweep is published at the next multiple of this, so that no time depends on the blocks."""
 
 
 class StageParams(Params):
@@ -87,25 +89,22 @@ def window_of(params: StageParams) -> TravelLimits:
     return TravelLimits.around(params.from_m, params.to_m, margin_m, lift_m, params.speed_m_s)
 
 
-def mistakes(params: StageParams) -> dict[str, str]:
-    """Return what is wrong with the parameters, by parameter; "" for what concerns several."""
-    if found := file_mistakes(params):
-        return found
+def driver_options(params: StageParams) -> dict[str, Any]:
+    """Return all that the driver is given.
+
+    Raises:
+        DeviceError: An option is the node's own parameter, too; or the limits contradict each other.
+    """
     if twice := sorted(set(StageOptions.__struct_fields__) & set(params.options)):
-        return {"options": f"{', '.join(twice)}: the node's own parameters say this; remove it from options"}
-    for name, check in (("lift_mm", require_clearance), ("", device_options)):
-        try:
-            check(params)
-        except DeviceError as error:
-            found[name] = str(error)
-    found |= block_mistakes(params.block_samples, params.rate_hz)
-    return found or device_mistakes("stage", params.device, {**device_options(params), **params.options})
+        raise DeviceError(f"{', '.join(twice)}: the node's own parameters say this; remove it from options")
+    return {**device_options(params), **params.options}
 
 
 class StageState(DeviceNodeState):
     """What a replacement inherits."""
 
     activity: str = "ready"
+    waiting: list[SweepGoal] = []
     goal_id: int = 0
     from_m: float = 0.0
     to_m: float = 0.0
@@ -118,11 +117,10 @@ class StageState(DeviceNodeState):
 
 
 class Stage(DeviceNode):
-    """Follow sweep goals one at a time; publish positions only while over the phantom."""
+    """Follow sweep goals one after another; publish positions only while over the phantom."""
 
     LAG_NS: ClassVar[int] = 0
     moves = True
-    examine = staticmethod(mistakes)
     params: StageParams
     state: StageState
     device: StageDevice[Any]
@@ -133,6 +131,20 @@ class Stage(DeviceNode):
     ending = Alarm()
     arrival = Alarm()
 
+    @classmethod
+    def find_mistakes(cls, params: StageParams, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
+        if mistakes:
+            return
+        with mistakes.of("lift_mm"):
+            require_clearance(params)
+        with mistakes.of("block_samples"):
+            check_block(params.block_samples, params.rate_hz)
+        with mistakes.of(""):
+            device_options(params)
+        with mistakes.of("options"):
+            find_device_mistakes("stage", params.device, driver_options(params), mistakes)
+
     def on_configure(self) -> None:
         self.make_device()
         length_s, stream = 1.0 / self.params.block_hz, self.params.stream
@@ -142,7 +154,7 @@ class Stage(DeviceNode):
     def make_device(self) -> None:
         params = self.params
         require_clearance(params)
-        self.device = open_device("stage", params.device, **device_options(params), **params.options)
+        self.device = open_device("stage", params.device, **driver_options(params))
 
     def on_activate(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
@@ -154,15 +166,20 @@ class Stage(DeviceNode):
 
     @on(goal)
     def accept(self, goal: SweepGoal) -> None:
-        state = self.state
-        if goal.cancel:
-            if self.cancels(goal):
-                self._cancel()
+        if not goal.cancel:
+            self.state.waiting.append(goal)
+            self.begin_waiting()
             return
-        if state.activity != "ready":
-            raise ValueError(
-                f"goal {goal.goal_id} came while goal {state.goal_id} is {state.activity}; wait for 'ready'"
-            )
+        self.state.waiting.clear()
+        if self.cancels(goal):
+            self._cancel()
+
+    def begin_waiting(self) -> None:
+        """Begin the first goal that waits, if the stage is ready for it."""
+        state = self.state
+        if state.activity != "ready" or not state.waiting:
+            return
+        goal = state.waiting.pop(0)
         state.at_start = state.at_start and (goal.from_m, goal.to_m) == (state.from_m, state.to_m)
         state.goal_id, state.from_m, state.to_m = goal.goal_id, goal.from_m, goal.to_m
         if state.at_start:
@@ -171,7 +188,7 @@ class Stage(DeviceNode):
             self._return("returning")
 
     def cancels(self, goal: SweepGoal) -> bool:
-        """Tell whether there is anything to cancel: not a goal that is over, nor another than asked for."""
+        """Return whether there is anything to cancel: not a goal that is over, nor another than asked for."""
         return goal.goal_id == self.state.goal_id and self.state.activity in ("returning", "sweeping")
 
     def _cancel(self) -> None:
@@ -184,7 +201,11 @@ class Stage(DeviceNode):
     def _return(self, activity: str) -> None:
         """Go by the other path to where the sweep starts."""
         self.state.activity = activity
-        self.arrival.set(self._go_back())
+        self.begin_move(self._go_back)
+
+    def begin_move(self, move: Callable[[], int]) -> None:
+        """Begin a move, which returns when it will arrive."""
+        self.arrival.set(move())
 
     def _go_back(self) -> int:
         """Send the device to where the sweep starts; return the time of arrival in ns."""
@@ -199,7 +220,7 @@ class Stage(DeviceNode):
         state.next_sample = self._first_sample(times.enter_ns)
         state.sample_count = 0
         self.block.start()
-        if self.params.block_hz * END_NS < 1e9:  # else a block tells the end as soon
+        if self.params.block_hz * END_NS < 1e9:  # else a block ends as soon
             self.ending.set(-(-(times.leave_ns + self.LAG_NS) // END_NS) * END_NS)
         self._publish_status("sweeping")
 
@@ -213,15 +234,16 @@ class Stage(DeviceNode):
         else:
             self.state.activity, self.state.at_start = "ready", activity == "resting"
             self._publish_status("ready")
+            self.begin_waiting()
 
     @on(ending)
     def _cut_short(self) -> None:
-        """Tell the rest of a sweep, and that it is over, before a long block is full."""
+        """Publish the rest of a sweep, and that it is over, before a long block is full."""
         self.sample()
 
     @on(block)
     def sample(self) -> None:
-        known_ns = self.now_ns() - self.LAG_NS  # what a device that is polled can tell
+        known_ns = self.now_ns() - self.LAG_NS  # what a polled device knows
         self._publish_pose(known_ns)
         if known_ns >= self.state.leave_ns:
             self._measure_interval()
@@ -255,7 +277,7 @@ class Stage(DeviceNode):
         self._publish_status("swept")
 
     def _measure_interval(self) -> None:
-        """Leave the times as the device has predicted them; a simulated one keeps its word."""
+        """Leave the times as the device has predicted them: those of a simulated one are exact."""
 
     def _stamp_ns(self, sample: int) -> int:
         return round(sample * 1e9 / self.params.rate_hz)

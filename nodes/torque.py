@@ -6,13 +6,14 @@ import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
 from palp_core import Params, Pub, Sub, on
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.device_node import DeviceNode
 from palp_core.palpation.devices.protocols import TorqueSensor
-from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.registry import find_device_mistakes, open_device
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.palpation.world.model import read_world
 from palp_core.units import NewtonMillimetresNonNegative, RatioNonNegative
 
@@ -43,9 +44,10 @@ class Torque(DeviceNode):
     contact = Sub(Contact)
     block = Pub(TorqueBlock)
 
-    @staticmethod
-    def examine(params: TorqueParams) -> dict[str, str]:
-        return file_mistakes(params) | device_mistakes("torque", params.device)
+    @classmethod
+    def find_mistakes(cls, params: TorqueParams, mistakes: Mistakes) -> None:
+        find_file_mistakes(params, mistakes)
+        find_device_mistakes("torque", params.device, None, mistakes)
 
     def on_configure(self) -> None:
         params = self.params

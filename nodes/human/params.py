@@ -6,7 +6,8 @@ import msgspec
 
 from msgs.emg import EmgBlock
 from palp_core import Params, ReadOnly, State
-from palp_core.errors import MechanicsError, PalpError, PerceptionError
+from palp_core.errors import PerceptionError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, require_sealable, sealed_phantoms
 from palp_core.palpation.session.human.blinding import key_of
@@ -28,8 +29,8 @@ class HumanParams(Params):
     ``session`` names the session's sheet, which the report checks and copies. ``subject`` and ``consent`` are
     codes, asked of the operator where empty, but for a subject that the sheet names. ``amplifier``,
     ``host``: where the EMG comes from, by which it is known whether it is a person's. ``answer``: one of
-    the phantoms' depths, or any depth in mm. ``blind``: in estimation phantoms have codes that nobody knows,
-    and ``key`` says who is who.
+    the phantoms' depths, or any depth in mm. ``blind``: in estimation phantoms have codes of unknown meaning,
+    which is in ``key``.
     """
 
     out: ReadOnly[str] = "results"
@@ -57,12 +58,12 @@ class HumanParams(Params):
 
     @property
     def source(self) -> Source:
-        """Whose muscles these are; what nobody names is not believed to be a person's."""
+        """Whose muscles these are; what is not named is not taken for a person's."""
         return source_of(self.amplifier, self.host)
 
 
 class HumanState(State):
-    """What a replacement inherits: the plan's replies, what stands asked, and the step under way.
+    """What a replacement inherits: the plan's replies, what is asked, and the step under way.
 
     ``stage`` of a step: "" before it, ``ready`` until the operator begins it, ``begin``, ``running``,
     ``over``, ``settling`` until the last samples are there, ``settled``; or ``asked`` and ``answered``.
@@ -98,7 +99,7 @@ class HumanState(State):
 
 
 def begin_step_again(state: HumanState) -> None:
-    """Let the step under way begin anew, where operator and devices have: nothing of it has been done."""
+    """Let the step under way begin again, as operator and devices do: nothing of it has been done."""
     state.stage = state.doing = state.phantom = ""
     state.kind, state.blocks = "none", []
 
@@ -126,47 +127,36 @@ def design_of(params: HumanParams) -> HumanDesign:
     return HumanDesign(phantoms=phantoms, sealed=sealed, mass_kg=params.mvc_kg, **given)
 
 
-def mistakes(params: HumanParams) -> dict[str, str]:
-    """Return what is wrong with the session asked for, by parameter; no message repeats a code."""
-    found = {}
+def find_mistakes(params: HumanParams, mistakes: Mistakes) -> None:
+    """Add what is wrong with the session asked for, by parameter; no message repeats a code."""
     for name, check in (("subject", subject_code), ("consent", consent_id)):
-        try:
+        with mistakes.of(name):
             if text := getattr(params, name):
                 check(text)
-        except PalpError as error:
-            found[name] = str(error)
     if params.blind:
-        found |= _blind_mistakes(params)
-    if found:
-        return found
-    has_key = params.blind and is_sealed(params.phantoms)
-    try:
-        design_of(
-            msgspec.structs.replace(params, blind=has_key)
-        )  # a key that is still to be drawn: same numbers
-    except MechanicsError as error:
-        found["phantoms"] = str(error)
-    except PerceptionError as error:
-        found[""] = str(error)
-    return found
+        _find_blind_mistakes(params, mistakes)
+    if mistakes:
+        return
+    has_key = params.blind and is_sealed(params.phantoms)  # or it is still to be drawn, of the same numbers
+    shown = msgspec.structs.replace(params, blind=has_key)
+    with mistakes.of("phantoms"):
+        phantoms_of(shown)
+    with mistakes.of(""):
+        design_of(shown)
 
 
-def _blind_mistakes(params: HumanParams) -> dict[str, str]:
-    """Return why a session cannot be blinded, by parameter; nothing is drawn."""
-    found = {}
+def _find_blind_mistakes(params: HumanParams, mistakes: Mistakes) -> None:
+    """Add why a session cannot be blinded; nothing is drawn."""
     if params.order == "paper":
-        found["order"] = (
+        mistakes["order"] = (
             "the paper's order is published, and tells of each trial which depth it has: counterbalanced"
         )
     if is_sealed(params.phantoms):
-        return found
-    if params.source != "simulated":
-        found["phantoms"] = (
-            "somebody who takes no part gives real phantoms their codes: palp session seal KEY, phantoms:=KEY"
-        )
-        return found
-    try:
+        return
+    with mistakes.of("phantoms"):
+        if params.source != "simulated":
+            raise PerceptionError(
+                "codes of real phantoms are given by a person who takes no part: "
+                "palp session seal KEY, phantoms:=KEY"
+            )
         require_sealable(load_phantoms(params.phantoms))
-    except MechanicsError as error:
-        found["phantoms"] = str(error)
-    return found

@@ -22,7 +22,7 @@ class ScriptedOperatorParams(Params):
 
 
 class ScriptedOperatorState(State):
-    """What a replacement inherits: the prompt that stands, and what is to be answered."""
+    """What a replacement inherits: the latest prompt, and what is to be answered."""
 
     number: int = 0
     text: str = ""

@@ -5,9 +5,10 @@ from collections.abc import Callable, Sequence
 from msgs.emg import EmgBlock
 from msgs.human import Countdown, EffortBars, HumanTrialBegun, HumanTrialDone, MuscleCue
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
-from nodes.human.params import HumanParams, HumanState, begin_step_again, design_of, mistakes
+from nodes.human.params import HumanParams, HumanState, begin_step_again, design_of, find_mistakes
 from palp_core import Alarm, Node, Progress, Pub, Qos, Srv, Sub, Timer, on, serve
 from palp_core.errors import NodeError, PalpError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.emg.quality import clipped
 from palp_core.palpation.session.audit import note_redone, to_be_redone
 from palp_core.palpation.session.human import plan, questions
@@ -20,14 +21,13 @@ from palp_core.palpation.session.sheet.sheet import read_sheet
 from palp_core.units import Float64Array
 
 _LATCHED = Qos(durability="transient_local", depth=1)
-_TOLD = {"rest": "Hand still.", "mvc": "Contract as hard as you can."}
+_WORDS_OF = {"rest": "Hand still.", "mvc": "Contract as hard as you can."}
 
 
 class HumanSession(Node):
-    """Ask the plan for the next step, see to it that it is done, and tell the plan what came of it."""
+    """Ask the plan for the next step, see to it that it is done, and reply to the plan."""
 
     records = True
-    examine = staticmethod(mistakes)
     params: HumanParams
     state: HumanState
     emg = Sub(EmgBlock)
@@ -42,6 +42,10 @@ class HumanSession(Node):
     limit = Alarm()
     late = Alarm()
     second = Timer(hz="countdown_hz")
+
+    @classmethod
+    def find_mistakes(cls, params: HumanParams, mistakes: Mistakes) -> None:
+        find_mistakes(params, mistakes)
 
     def on_configure(self) -> None:
         self.design = design_of(self.params)
@@ -145,7 +149,7 @@ class HumanSession(Node):
             if isinstance(self.step, HumanTrial):
                 self._announce(self.step)
             else:
-                self._prompt("none", _TOLD[phase], ends_ns=state.limit_ns)
+                self._prompt("none", _WORDS_OF[phase], ends_ns=state.limit_ns)
             self._cue(phase, state.phantom if phase == "palpation" else "")
         elif state.stage == "over":
             state.stage, state.end_ns = "settling", self.now_ns()
@@ -221,12 +225,12 @@ class HumanSession(Node):
             self.record.emg(state.subject, name, samples, self._rate_hz, discarded=spoilt) if found else ""
         )
         if not found or state.lost_count or state.clipped_count:
-            said = (
+            loss = (
                 f"{state.lost_count} samples were lost, {state.clipped_count} clipped"
                 if found
                 else "none came"
             )
-            self.log.warning("EMG of %s trial %d: %s", trial.phase, trial.number, said)
+            self.log.warning("EMG of %s trial %d: %s", trial.phase, trial.number, loss)
         if spoilt or trial.told:
             self._write(trial, None, 0)
         return "repeat" if spoilt else "done"
@@ -283,7 +287,7 @@ class HumanSession(Node):
             )
         )
 
-    # What is said and heard
+    # Prompts, answers and EMG
 
     def _cue(self, phase: str, phantom: str = "") -> None:
         self.cue.publish(MuscleCue(stamp_ns=self.now_ns(), phase=phase, phantom=phantom))

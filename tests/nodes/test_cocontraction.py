@@ -25,7 +25,7 @@ def recording() -> list[EmgBlock]:
 
 
 def followed(blocks: list[EmgBlock], **params: object) -> Whole:
-    """Return what is told of a recording, and the level of every peak."""
+    """Return what is published of a recording, and the level of every peak."""
     bench = Bench(Cocontraction, params)
     levels, before = [], 0
     for block in blocks:
@@ -42,7 +42,7 @@ def processed(blocks: list[EmgBlock], **params: object) -> list[CoContraction]:
 
 @pytest.fixture(scope="module")
 def whole(recording: list[EmgBlock]) -> Whole:
-    """What is told of the whole recording."""
+    """What is published of the whole recording."""
     return followed(recording)
 
 
@@ -58,8 +58,8 @@ def test_the_command_makes_the_same_of_a_recording_as_the_node(
     found = analyse(parts["palpation"], parts["mvc"], EmgSettings(crosstalk=crosstalk), rest=parts["rest"])
     stream, levels = whole if crosstalk == "keep" else followed(recording, crosstalk=crosstalk)
     assert found.reference == pytest.approx(stream[0].reference_v, rel=0.01)
-    told = np.concatenate([c.value for c in stream])
-    np.testing.assert_allclose(found.cocontraction[600:], told[600:], rtol=0.01, atol=1e-12)
+    given = np.concatenate([c.value for c in stream])
+    np.testing.assert_allclose(found.cocontraction[600:], given[600:], rtol=0.01, atol=1e-12)
     assert found.levels.index.tolist()[: len(levels)] == levels
 
 
@@ -99,7 +99,7 @@ def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock], whole:
     assert (first.burst_count, first.level_defined) == (0, False)
 
 
-def test_nothing_is_told_before_the_maximum_is_known(recording: list[EmgBlock]) -> None:
+def test_nothing_is_reported_before_the_maximum_is_known(recording: list[EmgBlock]) -> None:
     assert processed([b for b in recording if b.phase == "rest"]) == []
     assert processed([b for b in recording if b.phase != "mvc"]) == []
 

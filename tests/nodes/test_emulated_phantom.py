@@ -34,7 +34,7 @@ def test_the_devices_are_there(bench: Bench[EmulatedPhantom], tmp_path: Path) ->
     socket.create_connection((options["noraxon"]["host"], options["noraxon"]["port"])).close()
 
 
-def test_each_mounting_has_its_own_height_and_is_told(bench: Bench[EmulatedPhantom]) -> None:
+def test_each_mounting_has_its_own_height_and_is_reported(bench: Bench[EmulatedPhantom]) -> None:
     bench.feed(EmulatedPhantom.mount, mount("A", 0))
     bench.feed(EmulatedPhantom.mount, mount("C", 1))
     first, second = bench.sent(EmulatedPhantom.truth)
@@ -49,7 +49,7 @@ def test_the_probe_starts_raised(bench: Bench[EmulatedPhantom]) -> None:
     assert truth["torque_n_m"] == 0.0
 
 
-def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_was_touched(
+def test_a_failing_region_is_reported_once_per_mounting_and_ring_and_only_when_it_was_touched(
     tmp_path: Path,
 ) -> None:
     exact = {"repeatability_mm": 0.0, "height_sd_mm": 0.0}
@@ -70,8 +70,8 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_wa
         bench.feed(EmulatedPhantom.mount, mount(code, remount))
         rig.call(touch)
         bench.advance(0.3)
-        told = bench.sent(EmulatedPhantom.guard)
-        return [(guard.code, guard.remount, round(guard.ring_m, 9)) for guard in told]
+        given = bench.sent(EmulatedPhantom.guard)
+        return [(guard.code, guard.remount, round(guard.ring_m, 9)) for guard in given]
 
     assert touched("C", 0) == []
     assert touched("A", 1) == [("A", 1, 0.016)]
@@ -120,12 +120,12 @@ def test_a_noise_file_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
         Bench(EmulatedPhantom, {**PORTS, "folder": str(tmp_path), "noise": "no-such.yaml"})
 
 
-def test_in_the_labs_world_each_mounting_tells_what_it_is_off_by(tmp_path: Path) -> None:
+def test_in_the_labs_world_each_mounting_reports_what_it_is_off_by(tmp_path: Path) -> None:
     bench = Bench(EmulatedPhantom, {**PORTS, "folder": str(tmp_path), "world": "lab"}, seed=3)
     for remount, code in enumerate("AAC"):
         bench.feed(EmulatedPhantom.mount, mount(code, remount))
     first, again, other = bench.sent(EmulatedPhantom.world_truth)
-    heights = [told.height_offset_m for told in bench.sent(EmulatedPhantom.truth)]
+    heights = [given.height_offset_m for given in bench.sent(EmulatedPhantom.truth)]
     bench.executor.transition(Transition.SHUTDOWN)
     assert first.modulus == again.modulus != other.modulus
     assert first.friction != again.friction

@@ -1,7 +1,8 @@
-"""The estimator: from the torque of a sweep to a belief, whatever the blocks and whoever runs it."""
+"""The estimator: from the torque of a sweep to a belief, whatever the blocks and the process."""
 
 from __future__ import annotations
 
+import functools
 import itertools
 import sys
 from pathlib import Path
@@ -20,6 +21,7 @@ from palp_core.errors import GraphError, NodeError
 from palp_core.methods import register
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
+from tests.nodes.conftest import replace
 from tests.support.rig_messages import ring_state, trial
 
 DEPTHS_M = (0.002, 0.004, 0.008)
@@ -72,15 +74,21 @@ def probe(bench: Bench[Estimator], peak_n_m: float, iteration: int = 1, ring_m: 
 
 def trained(**params: object) -> Bench[Estimator]:
     """Return a bench at the start of an estimation trial."""
+    bench = after_training(**params) if params else replace(after_training())
+    bench.feed(Estimator.trial, trial(500, "estimation"))
+    return bench
+
+
+@functools.cache
+def after_training(**params: object) -> Bench[Estimator]:
     bench = Bench(Estimator, params)
     train(bench)
-    bench.feed(Estimator.trial, trial(500, "estimation"))
     return bench
 
 
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(1, COUNT - 1), unique=True, max_size=12), late=st.integers(0, 13))
-def test_a_palpation_does_not_depend_on_the_blocks_nor_on_when_the_end_is_told(
+def test_a_palpation_does_not_depend_on_the_blocks_nor_on_when_the_end_is_reported(
     cuts: list[int], late: int
 ) -> None:
     torque_n_m = sweep(0.01, seed=4)
@@ -118,10 +126,10 @@ def test_a_cancelled_sweep_leaves_nothing_in_the_next_one() -> None:
 def test_torque_that_is_not_over_the_phantom_is_no_palpation() -> None:
     bench = Bench(Estimator)
     bench.feed(Estimator.trial, trial(0, "training", 0.002))
-    beside = TorqueBlock(
+    outside = TorqueBlock(
         stamp_ns=0, start_ns=0, rate_hz=1000.0, over_phantom=False, saturated_count=0, torque_n_m=sweep(9.0)
     )
-    bench.feed(Estimator.torque, beside)
+    bench.feed(Estimator.torque, outside)
     palpate(bench, sweep(0.01))
     assert len(bench.sent(Estimator.palpation)[0].torque_n_m) == COUNT
 
@@ -219,7 +227,7 @@ def test_an_unknown_method_is_refused_before_anything_moves(param: str) -> None:
 AUTO = dict.fromkeys(("denoise", "feature", "filter", "likelihood", "stop"), "auto")
 
 
-def test_the_registers_choice_is_made_once_said_and_used(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_registers_choice_is_made_once_reported_and_used(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     bench = Bench(Estimator, AUTO)
     assert bench.node.reading.methods == {
@@ -232,13 +240,13 @@ def test_the_registers_choice_is_made_once_said_and_used(caplog: pytest.LogCaptu
     assert caplog.text.count("cheapest") + caplog.text.count("within") >= 5
     assert "feature: contrast: 'decision' within 0.5% (asked: 5.0%)" in caplog.text
     assert "cheaper: peak (not accurate enough: within" in caplog.text
-    said = len(caplog.records)
+    shown = len(caplog.records)
     bench.feed(Estimator.trial, trial(1, "training", 0.002))
     bench.feed(Estimator.ring, ring_state(0.016, 1))
     palpate(bench, sweep(MEAN_N_M[0.002][0.016], count=4000))
     above_flanks_n_m = bench.sent(Estimator.palpation)[-1].peak_n_m
     assert above_flanks_n_m < MEAN_N_M[0.002][0.016]
-    assert len(caplog.records) == said
+    assert len(caplog.records) == shown
 
 
 def test_what_nobody_vouches_for_is_not_chosen() -> None:
@@ -356,7 +364,7 @@ def test_it_says_its_methods_at_the_beginning_and_when_one_is_changed() -> None:
     bench.set_parameters(stop="posterior_threshold", stop_value=0.9)
     bench.set_parameters(filter="latent")
     bench.set_parameters(stop_value=0.95)
-    said = [{use.task: use.name for use in one.uses} for one in bench.sent(Estimator.methods)]
+    shown = [{use.task: use.name for use in one.uses} for one in bench.sent(Estimator.methods)]
     first = {
         "denoise": "soft_universal",
         "feature": "peak",
@@ -366,4 +374,4 @@ def test_it_says_its_methods_at_the_beginning_and_when_one_is_changed() -> None:
     }
     changed = first | {"stop": "posterior_threshold"}
     latent = {task: name for task, name in changed.items() if task != "likelihood"} | {"filter": "latent"}
-    assert said == [first, changed, latent]  # and nothing of what is no method
+    assert shown == [first, changed, latent]  # and nothing of what is no method

@@ -19,7 +19,7 @@ from palp_core.cli.rig.device_discovery import device_entries, discover
 from palp_core.errors import DeviceError, GraphError, NodeError
 from palp_core.palpation.devices import registry
 from palp_core.palpation.devices.protocols import restored
-from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.registry import open_device
 from palp_core.published import published
 from tests.support import made_up_stage
 from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
@@ -79,7 +79,7 @@ def test_the_safety_node_stops_it_on_its_own_link() -> None:
 
 
 @pytest.mark.parametrize(
-    ("device", "link", "guilty", "said"),
+    ("device", "link", "guilty", "shown"),
     [
         ("sim", "port 8", "stop_link", "has no second link to its controller; give stop_link: none"),
         ("mad_up", "port 8", "device", "no stage device 'mad_up'"),
@@ -89,9 +89,9 @@ def test_the_safety_node_stops_it_on_its_own_link() -> None:
     ],
 )
 def test_a_stop_link_is_the_drivers_own_or_none_and_is_always_given(
-    device: str, link: str, guilty: str, said: str
+    device: str, link: str, guilty: str, shown: str
 ) -> None:
-    assert said in Safety.examine(SafetyParams(device=device, stop_link=link)).get(guilty, "")
+    assert shown in Safety.examine(SafetyParams(device=device, stop_link=link)).get(guilty, "")
     assert bool(Safety.examine(SafetyParams(device=device, stop_link=link))) == bool(guilty)
 
 
@@ -117,8 +117,8 @@ def test_a_driver_that_takes_not_all_that_a_stage_is_handed_is_refused_at_once()
 
     vars(made_up_stage)["Short"] = Short
     name = "tests.support.made_up_stage:Short"
-    said = device_mistakes("stage", name, {"port": 7, "lift_m": 0.01})["options"]
-    assert "Short takes no limits, no sweep_speed_m_per_s, no lift_speed_m_per_s; give its" in said
+    with pytest.raises(DeviceError, match="Short takes no limits, no sweep_speed_m_per_s, no lift_speed_m_"):
+        open_device("stage", name, port=7, lift_m=0.01)
 
 
 def test_the_command_line_lists_and_finds_it() -> None:
@@ -130,7 +130,7 @@ def test_the_command_line_lists_and_finds_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "misspelt"), [("stage", "sim", "retreat"), ("ring", "sim", "acknowledge")]
+    ("kind", "name", "misspelt"), [("stage", "sim", "retreat"), ("ring", "sim", "rehome")]
 )
 def test_an_ability_that_is_missing_is_refused_by_name(
     monkeypatch: pytest.MonkeyPatch, kind: str, name: str, misspelt: str
@@ -138,9 +138,8 @@ def test_an_ability_that_is_missing_is_refused_by_name(
     made = type(open_device(kind, name))  # type: ignore[call-overload]
     monkeypatch.setattr(made, f"{misspelt}_", getattr(made, misspelt), raising=False)
     monkeypatch.delattr(made, misspelt)
-    assert device_mistakes(kind, name, {})["options"].startswith(  # type: ignore[arg-type]
-        f"{kind} device 'sim': {made.__name__} has no {misspelt};"
-    )
+    with pytest.raises(DeviceError, match=rf"{kind} device .sim.: {made.__name__} has no {misspelt};"):
+        open_device(kind, name)  # type: ignore[call-overload]
 
 
 def test_a_state_comes_back_from_what_was_kept_of_it() -> None:

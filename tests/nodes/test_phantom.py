@@ -60,7 +60,7 @@ def test_a_path_that_ends_near_the_bead_has_no_contrast_to_be_right_in() -> None
         Bench(Phantom, {"feature": "contrast", "from_m": -0.015})
 
 
-def test_a_failing_region_is_told_once_per_mounting_and_ring(flat: Bench[Phantom]) -> None:
+def test_a_failing_region_is_reported_once_per_mounting_and_ring(flat: Bench[Phantom]) -> None:
     torque_n_m(flat, "C")
     assert flat.sent(Phantom.guard) == []
     torque_n_m(flat, "A")
@@ -70,7 +70,7 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring(flat: Bench[Phantom
     assert "small strain" in guard.words[0]
 
 
-def test_a_stage_too_fast_to_leave_inertia_out_is_told_and_so_is_one_that_is_slow_again(
+def test_a_stage_too_fast_to_leave_inertia_out_is_reported_and_so_is_one_that_is_slow_again(
     flat: Bench[Phantom],
 ) -> None:
     torque_n_m(flat, "C")
@@ -87,16 +87,16 @@ def test_a_stage_too_fast_to_leave_inertia_out_is_told_and_so_is_one_that_is_slo
     assert (again.ring_m, again.words, slow.words) == (0.012, fast.words, [])
     speeds = [
         json.loads(use.scene)["speed_m_s"]
-        for said in flat.sent(Phantom.methods)
-        for use in said.uses
+        for shown in flat.sent(Phantom.methods)
+        for use in shown.uses
         if use.task == "motion"
     ]
     assert speeds == [0.02, 0.06, 0.02]
 
 
-def test_it_says_which_rung_stands_for_each_phantom_and_on_what(flat: Bench[Phantom]) -> None:
-    (said,) = flat.sent(Phantom.methods)
-    rungs = {use.of: use for use in said.uses if use.task == "contact"}
+def test_it_says_which_rung_is_for_each_phantom_and_on_what(flat: Bench[Phantom]) -> None:
+    (shown,) = flat.sent(Phantom.methods)
+    rungs = {use.of: use for use in shown.uses if use.task == "contact"}
     assert set(rungs) == {"A", "B", "C"}
     for code, use in rungs.items():
         choice = flat.node.rig.choices[code]
@@ -104,7 +104,7 @@ def test_it_says_which_rung_stands_for_each_phantom_and_on_what(flat: Bench[Phan
         assert json.loads(use.scene)["phantom"] == asdict(flat.node.rig.phantoms[code])
 
 
-def test_each_remount_draws_the_height_anew() -> None:
+def test_each_remount_draws_the_height_again() -> None:
     bench = Bench(Phantom, {"height_sd_mm": 0.1})
     for remount in range(200):
         bench.feed(Phantom.mount, mount("A", remount))

@@ -33,7 +33,7 @@ class ScriptedRing(ScriptedDevice):
     def open(self, *_: Any) -> None:
         self.calls.append("open")
         if self.gone:
-            raise DeviceError("ring: nobody answers")
+            raise DeviceError("ring: no answer")
         self.is_open = True
 
     def close(self) -> None:
@@ -88,7 +88,7 @@ def permitted(monkeypatch: pytest.MonkeyPatch) -> Permitted:
     return Permitted(monkeypatch)
 
 
-def test_a_move_that_takes_long_is_told(permitted: Permitted, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_move_that_takes_long_is_reported(permitted: Permitted, caplog: pytest.LogCaptureFixture) -> None:
     permitted.run(0.1)
     permitted.device.rests_ns = 10_000_000_000
     permitted.send(1, 8.0)
@@ -152,7 +152,7 @@ def test_it_holds_without_a_heartbeat(permitted: Permitted) -> None:
     assert permitted.device.calls[-1] == "stop"
 
 
-def test_a_refused_command_is_said_and_tried_again(permitted: Permitted) -> None:
+def test_a_refused_command_is_reported_and_tried_again(permitted: Permitted) -> None:
     permitted.run(0.1)
     permitted.device.refuses = True
     permitted.device.condition = Condition.STALLED
@@ -178,7 +178,7 @@ def test_a_lost_link_at_the_end_is_no_failure(permitted: Permitted) -> None:
     assert permitted.device.calls[-2:] == ["stop", "close"]
 
 
-def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_said_and_opened_after_the_next(
+def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_reported_and_opened_after_the_next(
     permitted: Permitted,
 ) -> None:
     permitted.run(0.1)
@@ -186,7 +186,7 @@ def test_a_ring_that_is_still_gone_after_the_acknowledgement_is_said_and_opened_
     permitted.run(0.1, "latched")
     permitted.run(0.1, "starting", count=1)
     report = permitted.report
-    assert (report.condition, report.text) == ("link lost", "ring: nobody answers")
+    assert (report.condition, report.text) == ("link lost", "ring: no answer")
     assert report.acknowledged_count == 1
     permitted.send(1, 8.0)
     permitted.run(0.1, "ready", count=1)

@@ -192,7 +192,7 @@ def test_silence_of_the_safety_node_stops_whatever_is_done_after_50_ms(
     assert permitted.device.calls == []
     permitted.bench.advance(0.016)
     assert permitted.device.calls == ["stop"]
-    assert permitted.report.condition == "unheard"
+    assert permitted.report.condition == "no heartbeat"
     assert (permitted.words[-1] == "cancelled") == (activity in ("returning", "sweeping", "retreating"))
 
 
@@ -246,7 +246,7 @@ def test_after_a_trip_it_stays_until_the_acknowledgement_and_raises_the_probe_sl
     assert permitted.bench.sent(RigStage.status)[-1].goal_id == 2
 
 
-def test_a_cause_that_persists_is_said_again(permitted: Permitted) -> None:
+def test_a_cause_that_persists_is_reported_again(permitted: Permitted) -> None:
     permitted.reach("sweeping")
     permitted.device.condition = Condition.E_STOP
     permitted.run(0.1)
@@ -256,7 +256,7 @@ def test_a_cause_that_persists_is_said_again(permitted: Permitted) -> None:
     assert permitted.report.condition == "e-stop"
 
 
-def test_a_controller_that_refuses_the_acknowledgement_is_said_to(permitted: Permitted) -> None:
+def test_a_controller_that_refuses_the_acknowledgement_is_reported_to(permitted: Permitted) -> None:
     permitted.reach("sweeping")
     permitted.device.broken = True
     permitted.run(0.1, "latched")
@@ -280,7 +280,7 @@ def test_a_lost_link_is_opened_again_after_the_acknowledgement(permitted: Permit
     assert permitted.words[-1] == "ready"
 
 
-def test_a_homing_that_a_trip_has_ended_is_done_anew_after_the_acknowledgement(permitted: Permitted) -> None:
+def test_a_homing_that_a_trip_has_ended_is_done_again_after_the_acknowledgement(permitted: Permitted) -> None:
     permitted.device.broken = True  # the safety node has aborted the axes while they homed
     permitted.run(0.1)
     assert permitted.device.calls == ["open", "close"]
@@ -342,7 +342,7 @@ def test_a_stage_that_examines_nothing_hands_no_driver_other_limits() -> None:
         def examine(params: Any) -> dict[str, str]:
             return {}
 
-    with pytest.raises(NodeError, match="multiple values for keyword argument 'limits'"):
+    with pytest.raises(NodeError, match="limits: the node's own parameters say this"):
         Bench(Unexamined, {"device": "aerotech", "options": {"limits": {"y_m": [-9.0, 9.0]}}})
 
 
@@ -359,6 +359,19 @@ def test_a_move_that_is_under_way_at_a_hand_over_is_not_its_successors(
     permitted.run(0.1)
     assert permitted.words[-1] == "ready"
     assert permitted.report.condition == "ok"
+
+
+def test_a_goal_that_waits_at_a_hand_over_is_swept_by_the_successor(
+    permitted: Permitted, successor: Callable[..., Bench[RigStage]]
+) -> None:
+    permitted.run(0.1)
+    permitted.reach("returning")
+    permitted.bench.feed(RigStage.goal, SECOND)
+    permitted.bench = bench = successor(permitted.bench)
+    bench.advance(5.0)  # the predecessor's move has ended
+    permitted.run(20.0)
+    assert permitted.words == ["cancelled", "ready", "sweeping", "swept", "ready"]
+    assert permitted.bench.sent(RigStage.status)[-1].goal_id == 2
 
 
 def test_what_another_device_remembered_is_refused_at_the_hand_over(

@@ -15,7 +15,7 @@ from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.protocols import TorqueSamples
-from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from
+from palp_core.palpation.devices.torque.ati import AtiState, AtiTorque
 from palp_core.units import Float64Array
 
 MS = 1_000_000
@@ -24,7 +24,7 @@ MS = 1_000_000
 class ScriptedSensor:
     """Delivers what it is given."""
 
-    state_type = WrenchState
+    state_type = AtiState
 
     def __init__(self) -> None:
         self.waiting: list[TorqueSamples] = []
@@ -43,7 +43,7 @@ class ScriptedSensor:
         return self.waiting.pop(0) if self.waiting else samples([], [])
 
     def tare(self, block: TorqueSamples, state: Any) -> Float64Array:
-        return bias_from(block, state)
+        return AtiTorque().tare(block, state)
 
 
 def samples(times_ms: list[float], torque: list[float], **counts: Any) -> TorqueSamples:
@@ -96,17 +96,17 @@ def streaming(**params: Any) -> Bench[RigTorque]:
     return Bench(RigTorque, {"tare": "never", **params})
 
 
-@pytest.mark.parametrize(("sent_hz", "told"), [(200, 1), (950, 0), (1000, 0)])
-def test_a_sensor_of_another_rate_than_its_samples_are_timed_by_is_told_once(
-    sent_hz: int, told: int, sensor: ScriptedSensor, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize(("sent_hz", "published"), [(200, 1), (950, 0), (1000, 0)])
+def test_a_sensor_of_another_rate_than_its_samples_are_timed_by_is_reported_once(
+    sent_hz: int, published: int, sensor: ScriptedSensor, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench = streaming(load_hz=50.0)
     sensor.waiting = [samples(list(range(sent_hz // 50)), [0.0] * (sent_hz // 50)) for _ in range(300)]
     with caplog.at_level(logging.WARNING):
         bench.advance(5.0)
     words = f"about {sent_hz} samples come a second, and rate_hz is 1000"
-    assert sum(words in line for line in caplog.messages) == told
-    assert sum("samples come a second" in line for line in caplog.messages) == told
+    assert sum(words in line for line in caplog.messages) == published
+    assert sum("samples come a second" in line for line in caplog.messages) == published
 
 
 def test_every_load_is_reported_at_once_with_its_largest_values(sensor: ScriptedSensor) -> None:
@@ -169,19 +169,19 @@ def test_every_sample_across_a_fault_and_to_the_end_is_passed_on_once_at_its_tim
 
 
 @pytest.mark.parametrize(
-    ("params", "said"),
+    ("params", "shown"),
     [
         ({}, ""),
         ({"block_samples": 50}, "the torque comes in blocks of 0.05 s: a sample is up to 0.0593 s old"),
         ({"load_hz": 200.0}, "the load comes in blocks of 0.005 s: a sample is up to 0.0096 s old"),
     ],
 )
-def test_blocks_and_loads_that_come_late_are_said_at_the_start(
-    sensor: ScriptedSensor, caplog: pytest.LogCaptureFixture, params: dict[str, Any], said: str
+def test_blocks_and_loads_that_come_late_are_reported_at_the_start(
+    sensor: ScriptedSensor, caplog: pytest.LogCaptureFixture, params: dict[str, Any], shown: str
 ) -> None:
     with caplog.at_level(logging.WARNING):
         Bench(RigTorque, params)
-    assert [said in record.getMessage() for record in caplog.records] == ([True] if said else [])
+    assert [shown in record.getMessage() for record in caplog.records] == ([True] if shown else [])
 
 
 def test_a_sensor_that_cannot_be_opened_is_not_drained(

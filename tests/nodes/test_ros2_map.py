@@ -24,7 +24,7 @@ MS = 1_000_000
 
 
 def recorded(folder: Path) -> Path:
-    said: dict[str, Message] = {
+    shown: dict[str, Message] = {
         "/torque/block": TorqueBlock(
             stamp_ns=5 * MS, start_ns=2 * MS, rate_hz=1000.0, over_phantom=True, saturated_count=0,
             torque_n_m=np.array([0.25, 0.5, 0.75]),
@@ -38,7 +38,7 @@ def recorded(folder: Path) -> Path:
         ),
     }  # fmt: skip
     with BagWriter(folder) as bag:
-        for name, message in said.items():
+        for name, message in shown.items():
             stream = bag.stream(Stream(topic=topic_of(name, type(message))))
             bag.write(stream, 1, 5 * MS, 5 * MS, encode(message))
     return folder

@@ -1,4 +1,4 @@
-"""The safety node: ABORT before anything else, DISABLE, latched, and permission only when all is heard."""
+"""The safety node: ABORT first, DISABLE, latched, and permission only when all have reported."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def sweeping(watched: Watched) -> None:
 
 
 @pytest.mark.parametrize("missing", ["torque", "stage", "ring"])
-def test_nothing_is_permitted_before_everything_was_heard(watched: Watched, missing: str) -> None:
+def test_nothing_is_permitted_before_everything_was_received(watched: Watched, missing: str) -> None:
     watched.silent = {missing}
     watched.run(0.5)
     assert watched.status.state == "starting"
@@ -231,12 +231,12 @@ def test_a_watch_that_is_a_little_late_hears_first_what_waits_for_it(watched: Wa
     sweeping(watched)
     watched.bench.clock.set(watched.now_ns + 35_000_000)
     watched.bench.advance(0.0)
-    assert watched.trips() == []  # nothing was heard for 35 ms, and nobody was silent
+    assert watched.trips() == []  # nothing was read for 35 ms, and nothing was silent
     watched.run(0.1)
     assert watched.trips() == []
 
 
-def test_what_an_axis_said_before_the_stop_is_no_new_motion(watched: Watched) -> None:
+def test_what_an_axis_reported_before_the_stop_is_no_new_motion(watched: Watched) -> None:
     sweeping(watched)
     before_ns = watched.now_ns
     watched.link.asked_ns = lambda: before_ns
@@ -393,7 +393,7 @@ def test_after_an_acknowledgement_the_ring_must_take_note_first(watched: Watched
     watched.moving = False
     watched.run(0.1)
     assert watched.acknowledge().done
-    watched.silent = {"ring"}  # it is busy leaving the trip, and this was said before
+    watched.silent = {"ring"}  # it is busy leaving the trip, and this was sent before
     watched.watch_ring(condition="stalled", acknowledged_count=0)
     watched.watch_ring(acknowledged_count=0)
     watched.run(0.2)
@@ -404,7 +404,7 @@ def test_after_an_acknowledgement_the_ring_must_take_note_first(watched: Watched
     assert watched.trips() == ["operator"]
 
 
-def test_a_trip_is_remembered_though_it_could_not_be_told(
+def test_a_trip_is_remembered_though_it_could_not_be_reported(
     watched: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: Any, **__: Any) -> None:
@@ -442,7 +442,7 @@ def test_without_a_trip_there_is_nothing_to_acknowledge(watched: Watched) -> Non
     assert (reply.done, reply.state) == (False, "ready")
 
 
-def test_without_a_link_of_its_own_the_stage_tells_that_it_rests(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_link_of_its_own_the_stage_reports_that_it_rests(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = Watched(monkeypatch, stop_link="none")
     sweeping(watched)
     watched.bench.call(Safety.stop, StopRequest())
@@ -457,12 +457,12 @@ def test_without_a_link_of_its_own_the_stage_tells_that_it_rests(monkeypatch: py
 def test_with_one_link_only_it_says_what_no_software_stops(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for url, said in (("socket://nowhere:8001", False), ("none", True)):
+    for url, shown in (("socket://nowhere:8001", False), ("none", True)):
         caplog.clear()
         watched = Watched(monkeypatch, stop_link=url)
         watched.run(0.1)
         for words in (caplog.text, watched.status.warning, watched.bench.sent(Safety.beat)[-1].warning):
-            assert ("homing is stopped by nothing but the emergency stop" in words) == said
+            assert ("homing is stopped by nothing but the emergency stop" in words) == shown
 
 
 @pytest.mark.parametrize(
@@ -499,7 +499,7 @@ def test_a_trip_outlives_its_node(watched: Watched, successor: Any) -> None:
     assert (reply.state, reply.cause) == ("latched", "operator")
 
 
-def test_a_move_that_nobody_could_tell_of_is_stopped_at_the_end(watched: Watched) -> None:
+def test_a_move_that_nobody_could_report_of_is_stopped_at_the_end(watched: Watched) -> None:
     watched.run(0.1)
     assert watched.status.state == "ready"
     watched.link.report = replace(watched.link.report, moving=True)  # and the stage's node is gone

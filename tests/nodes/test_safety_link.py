@@ -100,7 +100,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
     return Watched(monkeypatch)
 
 
-def test_a_fault_that_an_axis_told_before_motion_was_permitted_is_none_after(watched: Watched) -> None:
+def test_a_fault_that_an_axis_reported_before_motion_was_permitted_is_none_after(watched: Watched) -> None:
     watched.link.report = replace(AT_REST, fault=Fault.E_STOP.words, enabled=False)
     watched.link.asked_ns = lambda: 0
     watched.run(0.1)
@@ -110,7 +110,7 @@ def test_a_fault_that_an_axis_told_before_motion_was_permitted_is_none_after(wat
     assert watched.trips() == ["axis fault"]
 
 
-def test_a_trip_tells_when_its_cause_was_measured_and_not_when_it_was_heard(watched: Watched) -> None:
+def test_a_trip_reports_when_its_cause_was_measured_and_not_when_it_was_received(watched: Watched) -> None:
     watched.run(0.1)
     taken_ns = watched.now_ns - 4 * MS
     watched.load(sample_ns=taken_ns, torque_n_m=0.101)
@@ -119,7 +119,7 @@ def test_a_trip_tells_when_its_cause_was_measured_and_not_when_it_was_heard(watc
     assert trip.stamp_ns == watched.now_ns
 
 
-def test_what_the_stage_said_before_the_stop_is_no_new_motion(watched: Watched) -> None:
+def test_what_the_stage_reported_before_the_stop_is_no_new_motion(watched: Watched) -> None:
     sweeping(watched)
     said_ns = watched.now_ns
     watched.bench.clock.set(said_ns + MS)
@@ -132,7 +132,7 @@ def test_what_the_stage_said_before_the_stop_is_no_new_motion(watched: Watched) 
     assert watched.link.calls == ["abort", "disable"] * 2
 
 
-def test_a_watch_that_comes_late_permits_nothing_that_it_has_not_heard(watched: Watched) -> None:
+def test_a_watch_that_comes_late_permits_nothing_that_it_has_not_received(watched: Watched) -> None:
     watched.silent = {"ring"}
     watched.run(0.1)
     watched.bench.clock.set(watched.now_ns + 35 * MS)
@@ -156,7 +156,7 @@ def test_a_sample_from_the_future_does_not_wipe_out_the_last_second(watched: Wat
     assert trip.cause == "stale"
     assert len(trip.load_time_s) == pytest.approx(200, abs=10)
     watched.load(torque_n_m=0.2)
-    assert len(watched.bench.node.memory._loads) < 300
+    assert len(watched.bench.node.memory.loads) < 300
 
 
 def test_an_emergency_stop_is_left_only_after_it_is_released(watched: Watched) -> None:

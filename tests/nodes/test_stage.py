@@ -11,7 +11,6 @@ from msgs.stage import StagePose, SweepGoal
 from nodes.rig_stage import RigStage, RigStageParams
 from nodes.stage import Stage, StageParams
 from palp_core import Bench
-from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.params import describe_params
 
@@ -108,12 +107,14 @@ def test_another_sweep_is_reached_by_the_other_path_first() -> None:
     )
 
 
-def test_a_goal_is_refused_while_another_is_under_way() -> None:
+def test_a_goal_that_comes_while_another_is_under_way_waits_for_its_end() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal(1))
     bench.advance(1.0)
-    with pytest.raises(NodeError, match=r"goal 2 came while goal 1 is returning; wait for 'ready'"):
-        bench.feed(Stage.goal, goal(2))
+    bench.feed(Stage.goal, goal(2))
+    bench.advance(30.0)
+    assert words(bench) == ["sweeping", "swept", "ready"] * 2
+    assert [status.goal_id for status in bench.sent(Stage.status)] == [1, 1, 1, 2, 2, 2]
 
 
 def test_cancelling_stops_the_sweep_within_its_braking_way() -> None:
@@ -147,7 +148,7 @@ def test_a_goal_that_is_over_or_another_one_is_not_cancelled() -> None:
     assert words(bench)[3:] == ["sweeping", "swept", "ready"]
 
 
-def test_a_sweep_that_is_cancelled_tells_how_many_samples_it_had() -> None:
+def test_a_sweep_that_is_cancelled_reports_how_many_samples_it_had() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal())
     while words(bench) != ["sweeping"]:
@@ -187,7 +188,7 @@ def test_a_stage_that_was_deactivated_in_a_sweep_takes_goals_again() -> None:
 def test_what_would_change_without_effect_or_past_the_limits_is_refused_while_it_runs(
     params: type[StageParams],
 ) -> None:
-    changeable = [name for name, said in describe_params(params).items() if not said.read_only]
+    changeable = [name for name, shown in describe_params(params).items() if not shown.read_only]
     assert changeable == ["rate_hz", "block_samples"]
     assert RigStage.examine(
         RigStageParams(device="aerotech", options={"url": "nowhere"}, sweep_speed_m_s=0.5)

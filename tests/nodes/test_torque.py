@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from msgs.torque import Contact
 from nodes.torque import Torque
@@ -16,14 +15,6 @@ STEP_N_M = 1e-3 / 64
 
 def contact(torque_n_m: Float64Array, start_ns: int = 5_000_000) -> Contact:
     return Contact(stamp_ns=0, goal_id=1, start_ns=start_ns, rate_hz=1000.0, torque_n_m=torque_n_m)
-
-
-def test_a_torque_beyond_the_range_is_clipped_and_counted() -> None:
-    bench = Bench(Torque)
-    bench.feed(Torque.contact, contact(np.array([0.0, 0.5, -0.5])))
-    block = bench.sent(Torque.block)[0]
-    assert block.saturated_count == 2
-    assert np.abs(block.torque_n_m).max() == pytest.approx(0.120)
 
 
 def test_nothing_is_measured_while_nothing_is_swept() -> None:

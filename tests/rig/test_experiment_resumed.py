@@ -84,7 +84,7 @@ def test_the_phantom_is_put_on_again_and_the_trial_begun_again(tmp_path: Path) -
 def test_what_measures_a_rig_that_is_not_touched_cannot_go_on(tmp_path: Path) -> None:
     _, kept = interrupted(tmp_path, 6, plan="repeatability", trials=0, training=1)
     table = (tmp_path / "trials.csv").read_bytes()
-    with pytest.raises(NodeError, match="devices that have begun anew; begin it anew, too"):
+    with pytest.raises(NodeError, match="devices that have started again; start it again, too"):
         resumed(tmp_path, kept, plan="repeatability", trials=0, training=1)
     assert (tmp_path / "trials.csv").read_bytes() == table
 

@@ -62,5 +62,5 @@ class PermittedBench:
 
     @property
     def report(self) -> Any:
-        """What the node said of its device last."""
+        """What the node reported of its device last."""
         return self.bench.sent(type(self.bench.node).report)[-1]

@@ -18,9 +18,9 @@ SLOPES_N = np.array([1.5, 1.4, 1.3])
 
 
 def trial(number: int, phase: str = "estimation", depth_m: float = 0.0, **fields: Any) -> Trial:
-    """Return the beginning of a trial; its depth is told in training."""
-    told = {"number": 1, "code": "", "label_known": phase == "training", **fields}
-    return Trial(stamp_ns=0, trial=number, phase=phase, depth_m=depth_m, **told)
+    """Return the beginning of a trial; its depth is known in training."""
+    given = {"number": 1, "code": "", "label_known": phase == "training", **fields}
+    return Trial(stamp_ns=0, trial=number, phase=phase, depth_m=depth_m, **given)
 
 
 def belief(number: int, iteration: int, verdict: str = "continue", **fields: Any) -> Belief:
@@ -61,8 +61,8 @@ def ring_command(ring_m: float, number: int = 0, iteration: int = 1, *, rehome: 
 
 def ring_state(ring_m: float, number: int = 0, iteration: int = 1, **fields: Any) -> RingState:
     """Return the state of a ring that rests where it was sent."""
-    said = {"rehome": False, "target_m": ring_m, "measured_m": ring_m, "settled": True, **fields}
-    return RingState(stamp_ns=0, trial=number, iteration=iteration, **said)
+    shown = {"rehome": False, "target_m": ring_m, "measured_m": ring_m, "settled": True, **fields}
+    return RingState(stamp_ns=0, trial=number, iteration=iteration, **shown)
 
 
 def mount(code: str, remount: int = 0) -> Mount:

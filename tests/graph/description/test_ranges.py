@@ -156,7 +156,7 @@ def test_other_positions_may_be_trained_where_the_policy_asks_for_no_others(chos
         ("stop_link)}", "stop_link), warn_n: 11.0}", "warn_force_n = 11 must lie in [0, 10]"),
         ("device: ati", "device: ait", "no torque device 'ait'; known: ati, sim"),
         ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
-        ("channel: can0", "range_n_m: 0.5", "the range of the sensor is told as range_n_mm"),
+        ("channel: can0", "range_n_m: 0.5", "set range_n_mm in its place"),
         ('url: "socket', 'lift_m: 0.003, url: "socket', "lift_m: the node's own parameters say this"),
         ("stop_link)}", "stop_link), margin_mm: 3.0}", "is 3.0 in node 'safety' and 4.0 in node 'stage'"),
         ("actuator)}", "actuator), beat_ms: 60.0}", "is 50.0 in node 'safety' and 60.0 in node 'actuator'"),

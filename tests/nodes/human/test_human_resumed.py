@@ -1,4 +1,4 @@
-"""A session with a person goes on where it was interrupted; operator and amplifier begin anew."""
+"""A session with a person goes on where it was interrupted; operator and amplifier begin again."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def resumed(out: Path, kept: bytes) -> Lab:
     return lab
 
 
-def said(rows: list[HumanRow]) -> list[tuple[int, int, str, str, str]]:
+def shown(rows: list[HumanRow]) -> list[tuple[int, int, str, str, str]]:
     return [(one.row, one.trial, one.phase, one.phantom, one.emg) for one in rows]
 
 
@@ -59,7 +59,7 @@ def test_no_trial_is_lost_or_there_twice(trials: int, tmp_path: Path) -> None:
     for _ in range(6 - trials):
         whole_trial(lab)
     assert "over" in lab.prompt.text
-    assert said(read_human(out)) == said(read_human(tmp_path / "whole"))
+    assert shown(read_human(out)) == shown(read_human(tmp_path / "whole"))
     kept_aside = [path.relative_to(out / "interrupted/1") for path in (out / "interrupted").rglob("*.npz")]
     assert [path.parts[:2] for path in kept_aside] == [("emg", "S01")]
     assert (out / "interrupted/1" / kept_aside[0]).read_bytes() == before[out / kept_aside[0]]

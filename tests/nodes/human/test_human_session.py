@@ -196,7 +196,7 @@ def test_a_spoilt_trial_is_kept_apart_and_done_again(lab: Lab) -> None:
     assert (lab.out / good.emg).exists()
 
 
-def test_an_amplifier_that_falls_silent_holds_nothing_up_and_is_told(lab: Lab) -> None:
+def test_an_amplifier_that_falls_silent_holds_nothing_up_and_is_reported(lab: Lab) -> None:
     lab.calibrate()
     assert lab.say().taken
     lab.go(1.0)
@@ -232,7 +232,7 @@ def test_a_replacement_goes_on_in_the_midst_of_a_trial(lab: Lab, successor) -> N
     assert rows[1].answered_by == "page"
 
 
-def test_any_depth_may_be_said_in_mm_and_the_nearest_counts(tmp_path: Path) -> None:
+def test_any_depth_may_be_reported_in_mm_and_the_nearest_counts(tmp_path: Path) -> None:
     lab = Lab(tmp_path / "out", answer="mm")
     lab.calibrate()
     for _ in range(3):

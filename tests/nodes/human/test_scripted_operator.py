@@ -38,7 +38,7 @@ def test_a_person_is_left_to_answer() -> None:
     assert bench.requests(ScriptedOperator.answer) == []
 
 
-def test_what_only_tells_is_not_answered() -> None:
+def test_what_only_reports_is_not_answered() -> None:
     bench = Bench(ScriptedOperator)
     bench.feed(ScriptedOperator.prompt, prompt(1, "none"))
     bench.advance(5.0)

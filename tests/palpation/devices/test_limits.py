@@ -55,7 +55,7 @@ def test_no_move_leaves_the_window_or_begins_outside_of_it(
 def test_a_stop_that_the_sensor_cannot_reach_is_refused(limits: dict[str, float]) -> None:
     with pytest.raises(DeviceError, match=r"above the sensor.s range of .* and can never trip"):
         WrenchLimits(**limits)
-    assert WrenchLimits(stop_torque_n_m=0.120, stop_force_n=12.0)  # its very end can be told
+    assert WrenchLimits(stop_torque_n_m=0.120, stop_force_n=12.0)  # its very end can be measured
 
 
 @settings(deadline=None)
@@ -147,7 +147,7 @@ def test_a_ring_waits_for_its_motor_to_have_rested_and_so_does_its_successor(
     second.close()
 
 
-def test_what_nobody_verified_is_said_aloud_once_each() -> None:
+def test_what_nobody_verified_is_reported_aloud_once_each() -> None:
     stage = AerotechStage("socket://127.0.0.1:1", verified=("baud", "axes", "origin_m", "sign"))
     with pytest.warns(UnverifiedWarning, match="limits is not verified"), pytest.raises(DeviceError):
         stage.open(0, AerotechState(), RNG)

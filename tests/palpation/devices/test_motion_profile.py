@@ -28,7 +28,7 @@ def velocities(profile: MotionProfile, times_ns: np.ndarray) -> np.ndarray:
 
 @few
 @given(places, places, speeds, accels, starts)
-def test_a_move_begins_and_ends_exactly_where_it_was_told(
+def test_a_move_begins_and_ends_exactly_where_it_was_reported(
     start: float, end: float, speed: float, accel: float, t0: int
 ) -> None:
     profile = MotionProfile(start, end, speed, accel, t0)
@@ -67,7 +67,7 @@ def test_the_position_is_the_integral_of_the_velocity(
 
 @few
 @given(places, places, speeds, accels, starts, st.integers(0, 10**15))
-def test_a_move_starts_whenever_it_is_told(
+def test_a_move_starts_whenever_it_is_reported(
     start: float, end: float, speed: float, accel: float, t0: int, shift: int
 ) -> None:
     early, late = (MotionProfile(start, end, speed, accel, t) for t in (t0, t0 + shift))

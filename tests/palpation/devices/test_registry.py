@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import DeviceError
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices import (
     EmgDevice,
     RingDevice,
@@ -21,7 +22,7 @@ from palp_core.palpation.devices import (
 from palp_core.palpation.devices.emg.lsl import LslEmg
 from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
 from palp_core.palpation.devices.limits import TravelLimits
-from palp_core.palpation.devices.registry import device_mistakes
+from palp_core.palpation.devices.registry import find_device_mistakes
 from palp_core.palpation.devices.ring.maestro import MaestroRing
 from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.devices.sim.ring import SimRing
@@ -53,7 +54,7 @@ def test_the_devices_satisfy_the_protocols_and_are_known_by_name() -> None:
         ("emg", {"matrix": np.array(CHAIN)}, SimEmg(matrix=CHAIN)),
     ],
 )
-def test_a_name_stands_for_a_class_and_passes_the_options_on(
+def test_a_name_is_for_a_class_and_passes_the_options_on(
     kind: Any, options: dict[str, Any], expected: object
 ) -> None:
     assert "sim" in known_devices(kind)
@@ -94,16 +95,26 @@ def test_an_unknown_name_or_option_lists_what_there_is(
 
 def test_an_installation_without_devices_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "published", lambda group: {})
-    assert "install palp-core again" in device_mistakes("torque", "ati")["device"]
+    with pytest.raises(DeviceError, match="install palp-core again"):
+        registry.back_end("torque", "ati")
 
 
-def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
-    assert device_mistakes("torque", "nano71", {}) == {
-        "device": "no torque device 'nano71'; known: ati, sim, or give package.module:Class"
-    }
-    assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
-    assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}
-    assert device_mistakes("emg", "lsl", {"stream": "arm", "rate_hz": 1500.0}) == {}
+@pytest.mark.parametrize(
+    ("kind", "name", "options", "guilty"),
+    [
+        ("torque", "nano71", {}, {"device": "no torque device 'nano71'; known: ati, sim, or give"}),
+        ("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0}, {"options": "speed_m_per_s = 1 must lie in"}),
+        ("stage", "aerotech", {"url": "socket://127.0.0.1:1"}, {}),
+        ("emg", "lsl", {"stream": "arm", "rate_hz": 1500.0}, {}),
+    ],
+)
+def test_mistakes_are_found_by_the_nodes_parameter_without_opening_a_device(
+    kind: Any, name: str, options: dict[str, Any], guilty: dict[str, str]
+) -> None:
+    found = Mistakes()
+    find_device_mistakes(kind, name, options, found)
+    assert list(found) == list(guilty)
+    assert all(text in found[parameter] for parameter, text in guilty.items())
 
 
 @pytest.mark.parametrize(

@@ -17,15 +17,13 @@ from palp_core.palpation.devices.emulator.axis import Axes, Axis, AxisSettings
 from palp_core.palpation.devices.emulator.emg import Http, Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
+from palp_core.palpation.devices.emulator.maestro import EmulatedRod, Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.ports import DeviceSide, TcpPort
-from palp_core.palpation.devices.emulator.rod import EmulatedRod
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
-from palp_core.palpation.devices.torque.ati import AtiTorque
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.torque.ati import AtiState, AtiTorque
 from palp_core.palpation.devices.wire import aerotech, maestro
 
 S = 1_000_000_000
@@ -39,7 +37,7 @@ class Script:
     part: list[tuple[bytes, bytes]]
     greeting: bytes = b""
     ready_ns: int = 0
-    heard: list[bytes] = field(default_factory=list)
+    received: list[bytes] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
@@ -119,7 +117,7 @@ def test_the_stages_emulator_answers_the_transcript(axes: Axes) -> None:
     assert controller.receive(b"FAULTACK X\nENABLE X\n", 5 * S) == b"%\n%\n"
 
 
-def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(axes: Axes) -> None:
+def test_the_stages_emulator_reports_an_emergency_stop_as_the_transcript_does(axes: Axes) -> None:
     controller, axis = Aerotech(axes), axes.y
     controller.receive(b"ENABLE X\nHOMEASYNC X\nAXISSTATUS(X)\n", 0)
     controller.receive(b"AXISSTATUS(X)\n", 5 * S)
@@ -173,7 +171,7 @@ def test_the_stages_driver_understands_limits_and_the_emergency_stop(loop: Emula
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_a_fault_without_a_name_is_told_by_its_bit() -> None:
+def test_a_fault_without_a_name_is_reported_by_its_bit() -> None:
     assert aerotech.Fault(1 << 13 | 1).words == "position error, bit 13"
     assert aerotech.Fault(0).words == "none"
 
@@ -246,7 +244,7 @@ def test_the_pololu_form_means_the_same_as_the_compact_one(rod: EmulatedRod) -> 
     assert controller.receive(bytes.fromhex("90 00 65"), S) == bytes.fromhex("A0 14")
 
 
-def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: EmulatedRod) -> None:
+def test_a_wrong_check_byte_moves_nothing_and_is_reported_once(rod: EmulatedRod) -> None:
     controller = Maestro(rod, MaestroSettings())
     before = controller.receive(bytes.fromhex("90 00 65"), 0)
     controller.receive(bytes.fromhex("84 00 20 29 00"), 0)
@@ -255,7 +253,7 @@ def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: EmulatedRod) -> 
     assert controller.receive(bytes.fromhex("A1 1B"), 9 * S) == bytes.fromhex("00 00")
 
 
-def test_a_silent_host_stops_the_ring_and_is_told(rod: EmulatedRod) -> None:
+def test_a_silent_host_stops_the_ring_and_is_reported(rod: EmulatedRod) -> None:
     controller = Maestro(rod, MaestroSettings(timeout_s=0.5))
     controller.receive(bytes.fromhex("87 00 01 00") + bytes([maestro.crc7(bytes.fromhex("87000100"))]), 0)
     controller.receive(bytes.fromhex("84 00 40 3E 35"), 0)
@@ -322,7 +320,7 @@ def first_sample(loop: EmulatorLoop, sample: list[str]) -> Any:
     port = listen(loop, lambda: SocketCand(KnownSensor(sample), 0))
     link = {"host": port.host, "port": port.port, "tcp_tune": True}
     sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, timeout_s=30.0, verified=("*",))
-    state, rng = WrenchState(), np.random.default_rng(0)
+    state, rng = AtiState(), np.random.default_rng(0)
     sensor.open(0, state, rng)
     try:
         while True:

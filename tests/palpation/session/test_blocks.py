@@ -12,8 +12,9 @@ from nodes.rig_stage import RigStage
 from nodes.rig_torque import RigTorque, RigTorqueParams
 from nodes.stage import Stage, StageParams
 from palp_core import Bench
+from palp_core.errors import DeviceError
 from palp_core.graph.description.resolver import resolve
-from palp_core.palpation.devices.blocks import LONGEST_S, Stream, block_mistakes, late_blocks
+from palp_core.palpation.devices.blocks import LONGEST_S, Stream, check_block, late_blocks
 from tests.support.palp import ROOT
 
 
@@ -45,10 +46,10 @@ def test_no_block_is_late_for_its_reader(
 
 
 def test_blocks_of_more_than_a_second_are_refused_in_words() -> None:
-    assert block_mistakes(1000, 1000.0) == {}
-    said = block_mistakes(1500, 1000.0)["block_samples"]
-    assert said.startswith("a block of 1500 samples at 1000 Hz lasts 1.5 s")
-    assert f"give {1000 * LONGEST_S:g} at most" in said
+    check_block(1000, 1000.0)
+    text = f"a block of 1500 samples at 1000 Hz lasts 1.5 s, .* give {1000 * LONGEST_S:g} at most"
+    with pytest.raises(DeviceError, match=text):
+        check_block(1500, 1000.0)
     assert "block_samples" in RigTorque.examine(RigTorqueParams(block_samples=1001))
     assert "block_samples" in Stage.examine(StageParams(block_samples=1001))
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import inspect
 import logging
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, PalpError
 from palp_core.graph.node.context import NodeContext
 from palp_core.graph.node.lifecycle import LifecycleHooks
 from palp_core.graph.node.ports import (
@@ -74,6 +75,19 @@ class State(msgspec.Struct, metaclass=_StateMeta):
     version: ClassVar[int] = 1
 
 
+class Mistakes(dict[str, str]):
+    """What is wrong with parameters, by parameter; under "" what concerns several."""
+
+    @contextmanager
+    def of(self, name: str) -> Iterator[None]:
+        """Add why what is tried in here fails; an error that another parameter has already is left out."""
+        try:
+            yield
+        except (PalpError, ValueError) as error:
+            if str(error) not in self.values():
+                self[name] = str(error)
+
+
 class Node(LifecycleHooks):
     """Base of all nodes. Subclasses declare ports, parameters, state and handlers; the tutorial has one.
 
@@ -109,14 +123,20 @@ class Node(LifecycleHooks):
         """Return the class to run under a name with parameters: another one where these decide its ports."""
         return cls
 
-    @staticmethod
-    def examine(params: Any) -> dict[str, str]:  # noqa: ARG004 - for subclasses
-        """Return what is wrong with parameters of this class though each is within its bounds, by parameter.
+    @classmethod
+    def examine(cls, params: Any) -> dict[str, str]:
+        """Return what is wrong with parameters though each is within its bounds, by parameter."""
+        found = Mistakes()
+        cls.find_mistakes(params, found)
+        return found
 
-        A file that one names, a device that cannot be so, values that contradict each other; under "" what
-        concerns several. It is asked before any start, and opens no device.
+    @classmethod
+    def find_mistakes(cls, params: Any, mistakes: Mistakes) -> None:
+        """Add what is wrong with parameters though each is within its bounds.
+
+        A file that one names, a device that cannot be so, values that contradict each other. It is called
+        before any start, and opens no device.
         """
-        return {}
 
     @property
     def name(self) -> str:

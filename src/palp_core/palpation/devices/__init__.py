@@ -1,4 +1,4 @@
-"""Devices of the palpation rig: what they can do, and what stands behind each name."""
+"""Devices of the palpation rig: what they can do, and the class of each name."""
 
 from palp_core.palpation.devices.protocols import (
     EmgDevice,

@@ -1,10 +1,12 @@
-"""How long a block of samples is: what it may be, and from where on it makes somebody wait.
+"""How long a block of samples may be, and from which length on it is late for its reader.
 
-A sensor's samples travel in blocks, since a message costs the same for one sample as for fifty. What a block
-says is known when its last sample is there.
+A sensor's samples travel in blocks, since a message costs the same for one sample as for fifty. A block is
+published when its last sample is there.
 """
 
 from typing import Literal, NamedTuple
+
+from palp_core.errors import DeviceError
 
 Stream = Literal["torque", "sweep", "emg", "load"]
 
@@ -30,7 +32,7 @@ class Wanted(NamedTuple):
 WANTED: dict[Stream, Wanted] = {
     # 27 ms were seen with blocks of 20, and the stage is long on its way back then
     "torque": Wanted(0.05, 0.0093),
-    # torque that nobody acts upon before its sweep is over; no block is longer
+    # torque that is read when its sweep is over; no block is longer
     "sweep": Wanted(LONGEST_S, 0.0093),
     # the same way; a burst lasts tenths of a second
     "emg": Wanted(0.1, 0.0093),
@@ -40,16 +42,19 @@ WANTED: dict[Stream, Wanted] = {
 """By what travels in the blocks; what was seen is in docs/reference/devices.md."""
 
 
-def block_mistakes(block_samples: int, rate_hz: float) -> dict[str, str]:
-    """Return why blocks cannot be so long, by parameter; empty if they can."""
+def check_block(block_samples: int, rate_hz: float) -> None:
+    """Refuse blocks that are longer than :data:`LONGEST_S`.
+
+    Raises:
+        DeviceError: They are.
+    """
     length_s = block_samples / rate_hz
-    if length_s <= LONGEST_S:
-        return {}
-    most = max(1, int(LONGEST_S * rate_hz))
-    return {
-        "block_samples": f"a block of {block_samples} samples at {rate_hz:g} Hz lasts {length_s:g} s, and "
-        f"what it says is known at its end; give {most} at most ({LONGEST_S:g} s)"
-    }
+    if length_s > LONGEST_S:
+        most = max(1, int(LONGEST_S * rate_hz))
+        raise DeviceError(
+            f"a block of {block_samples} samples at {rate_hz:g} Hz lasts {length_s:g} s, and its samples are "
+            f"known at its end; give {most} at most ({LONGEST_S:g} s)"
+        )
 
 
 def longest_s(stream: Stream, *, wall_clock: bool) -> float:
@@ -59,7 +64,7 @@ def longest_s(stream: Stream, *, wall_clock: bool) -> float:
 
 
 def late_blocks(stream: Stream, length_s: float, *, wall_clock: bool) -> str:
-    """Return in words that a stream's blocks are longer than its reader can wait; "" if they are not."""
+    """Return a warning if a stream's blocks are longer than its reader can wait; "" if they are not."""
     wanted, most_s = WANTED[stream], longest_s(stream, wall_clock=wall_clock)
     if length_s <= most_s * (1.0 + 1e-9):
         return ""

@@ -23,7 +23,7 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True)
 class DeviceHealth:
-    """A condition, the time at which it began and its cause in words (empty if all is well)."""
+    """A condition, the time at which it began and a text of its cause (empty if all is well)."""
 
     condition: Condition
     since_ns: int = 0
@@ -74,7 +74,5 @@ class HealthMonitor:
         """Return the present health."""
         health, silent_ns = self._health, now_ns - self._fresh_ns
         if health.ok and 0 < self._stale_ns < silent_ns:
-            return DeviceHealth(
-                Condition.STALE, self._fresh_ns, f"nothing heard for {silent_ns * 1e-6:.1f} ms"
-            )
+            return DeviceHealth(Condition.STALE, self._fresh_ns, f"no data for {silent_ns * 1e-6:.1f} ms")
         return health

@@ -1,5 +1,6 @@
 """Limits that a driver checks before a command leaves, and that the watchdog checks on what is measured."""
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -63,6 +64,29 @@ class TravelLimits:
         low, high = min(from_m, to_m, 0.0) - margin_m, max(from_m, to_m, 0.0) + margin_m
         return cls((low, high), (0.0, lift_m + margin_m), speed_m_per_s)
 
+    def sweep_end(
+        self, y_m: float, z_m: float, from_m: float, to_m: float, run_up_m: float, there_m: float
+    ) -> float:
+        """Return the y at which a sweep from here ends, with its run-up behind the interval, too.
+
+        Raises:
+            DeviceError: The interval has no direction or leaves the window; or the stage is raised, or not
+                far enough before the interval, by more than ``there_m``.
+        """
+        check_range("stage", "from_m", from_m, *self.y_m)
+        check_range("stage", "to_m", to_m, *self.y_m)
+        if from_m == to_m:
+            raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
+        sign = math.copysign(1.0, to_m - from_m)
+        start_m, end_m = from_m - sign * run_up_m, to_m + sign * run_up_m
+        check_range("stage", "sweep's run-out y_m", end_m, *self.y_m)
+        if z_m > there_m or sign * (y_m - start_m) > there_m:
+            raise DeviceError(
+                f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
+                f" return_to(sweep_start(...)) = {start_m:g} m first"
+            )
+        return end_m
+
     def check(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> None:
         """Refuse a straight move that leaves the window anywhere, or is too fast."""
         low, high = self.y_m if axis == "y" else self.z_m
@@ -91,7 +115,7 @@ class WrenchLimits:
         stop_torque_n_m: Assumed.
         warn_force_n: Assumed.
         stop_force_n: Assumed.
-        range_torque_n_m: Largest torque that the sensor can tell (the maker's figure for SI-12-0.12).
+        range_torque_n_m: Largest torque that the sensor can measure (the maker's figure for SI-12-0.12).
         range_force_n: Largest force, likewise.
 
     Raises:
@@ -156,7 +180,7 @@ class DutyCycle:
 
     @property
     def runs(self) -> list[tuple[int, int]]:
-        """Begin and end of the runs noted, for whoever takes over: the motor is as warm for him."""
+        """Begin and end of the runs noted; a successor inherits them, as the motor is as warm for it."""
         return list(self._runs)
 
     def restore(self, runs: Iterable[tuple[int, int]]) -> None:

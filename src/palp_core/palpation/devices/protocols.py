@@ -1,14 +1,14 @@
 """What the rig asks of a stage, a ring actuator, a torque sensor and an EMG amplifier.
 
 Every device, simulated or real, keeps what it must remember in a small state that the **caller** holds,
-passes to each call and can serialise at any time: whoever takes over opens a device of its own with that
+passes to each call and can serialise at any time: a successor opens a device of its own with that
 state and continues. ``open`` on a fresh state brings the device up (homes, draws); on a state that was up
 already it only connects. ``close`` only releases the link and leaves the state alone. Time comes in as
 integer nanoseconds and randomness as a generator; real devices ignore what they do not need. Commands change
 the state in place.
 
 A state type belongs to its back end, which names it as ``state_type``; a protocol names it by its type
-variable. Whoever holds a state that was serialised gets it back by :func:`restored`.
+variable. A state that was serialised comes back by :func:`restored`.
 """
 
 from collections.abc import Callable, Mapping
@@ -83,9 +83,9 @@ class StageReading:
 
 @dataclass(frozen=True)
 class RingReading:
-    """What the ring actuator tells about itself; its true position is not among it.
+    """What the ring actuator reports of itself; its true position is not among it.
 
-    ``waits``: for what it waits before it moves, in words; "" while it moves or rests.
+    ``waits``: for what it waits before it moves, as a text; "" while it moves or rests.
     """
 
     target_m: float
@@ -169,7 +169,7 @@ class AxisReport:
         enabled: It is powered.
         position_m: Where it is, in the stage's coordinates.
         asked_ns: When it was asked: what was done since may not be in the answer.
-        answered_ns: When it had said where it is.
+        answered_ns: When it had answered where it is.
         following_m: How far it is from where it is sent.
     """
 
@@ -192,10 +192,10 @@ class StopLink(Protocol):
         """Whether another process stops the axes on this link as soon as this process is dead."""
 
     def reports(self) -> list[AxisReport]:
-        """Return what the axes have said since the last call, without waiting.
+        """Return what the axes have answered since the last call, without waiting.
 
         Raises:
-            DeviceError: They are not heard, or the link is lost: the rig must not move.
+            DeviceError: They do not answer, or the link is lost: the rig must not move.
         """
 
     def poll(self) -> list[AxisReport]:
@@ -230,7 +230,7 @@ class OpenStopLink(Protocol):
             clock: Time in ns.
 
         Raises:
-            DeviceError: Nobody answers there.
+            DeviceError: Nothing answers there.
         """
 
 
@@ -256,7 +256,7 @@ class Mover(Device[S], Protocol[S]):
     """The options that say where it is, as a person types them."""
 
     def discover(self) -> dict[str, str]:
-        """Return how the device does, in words by what answered; nothing moves and nothing is enabled.
+        """Return how the device does, as a text by what answered; nothing moves and nothing is enabled.
 
         Raises:
             DeviceError: It does not answer, or says what no such device says.

@@ -9,6 +9,7 @@ import msgspec
 
 from palp_core.errors import DeviceError
 from palp_core.foreign import catch_foreign, import_foreign
+from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
     RingDevice,
@@ -93,21 +94,18 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
     return made
 
 
-def device_mistakes(
-    kind: Literal["stage", "ring", "torque", "emg"], name: str, options: Mapping[str, Any] | None = None
-) -> dict[str, str]:
-    """Return what is wrong with the device of a node, by the node's parameter; no link is opened."""
-    try:
+def find_device_mistakes(
+    kind: Literal["stage", "ring", "torque", "emg"],
+    name: str,
+    options: Mapping[str, Any] | None,
+    mistakes: Mistakes,
+) -> None:
+    """Add what is wrong with the parameters ``device`` and ``options`` of a node; no link is opened."""
+    with mistakes.of("device"):
         back_end(kind, name)
-    except DeviceError as error:
-        return {"device": str(error)}
-    if options is None:
-        return {}
-    try:
-        open_device(kind, name, **options)
-    except DeviceError as error:
-        return {"options": str(error)}
-    return {}
+    if options is not None:
+        with mistakes.of("options"):
+            open_device(kind, name, **options)
 
 
 def back_end(kind: str, name: str) -> Any:

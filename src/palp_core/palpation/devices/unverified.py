@@ -1,4 +1,4 @@
-"""Say aloud which of a driver's parameters nobody has checked on the device yet."""
+"""Warn of the driver's parameters that were not checked on the device yet."""
 
 import warnings
 from collections.abc import Collection, Mapping

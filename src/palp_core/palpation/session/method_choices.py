@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -207,11 +207,6 @@ def chosen_for(asked: Mapping[str, str], params: Any) -> dict[str, MethodChoice]
             name = "normal"
         found[task] = chosen_method(task, scene, asked=name, given=given)
     return found
-
-
-def checks_of(asked: Mapping[str, str], params: Any) -> dict[str, Callable[[], object]]:
-    """Return what tells whether each method is there, or can be chosen, by task."""
-    return {task: partial(chosen_for, {task: name}, params) for task, name in asked.items()}
 
 
 def names_of(asked: Mapping[str, str], params: Any) -> tuple[dict[str, str], list[str]]:

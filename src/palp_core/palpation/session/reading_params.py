@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
-from palp_core.errors import MethodError, PerceptionError
+from palp_core.errors import PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.graph.node.node import ReadOnly
+from palp_core.graph.node.node import Mistakes, ReadOnly
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, require_likelihood, require_rings
@@ -22,12 +20,12 @@ from palp_core.palpation.session.method_choices import (
     Reading,
     StopName,
     TraceFilterName,
-    checks_of,
+    chosen_for,
     given_by,
     names_of,
 )
 from palp_core.palpation.session.methods.used import used
-from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.units import CountPositive, MillimetresNonNegative, RatioNonNegative
 
@@ -64,43 +62,36 @@ class ReadingParams(TraceSettings):
 
 def resolve(params: ReadingParams) -> tuple[dict[str, str], list[str]]:
     """Return the method of each task, and of those left to the register a line that says why."""
-    for name, why in mistakes(params).items():
+    found = Mistakes()
+    find_mistakes(params, found)
+    for name, why in found.items():
         raise PerceptionError(f"{name}: {why}")
     return names_of(params.asked(), params)
 
 
-def mistakes(params: ReadingParams) -> dict[str, str]:
-    """Return what is wrong with the methods and the files that parameters name, by parameter."""
-    found = file_mistakes(params)
-    if found:  # of files by which a method is chosen
-        return found
-    wavelet = {"wavelet": lambda: edge_cone(params.level, params.wavelet)}
-    found = _failed({**wavelet, **checks_of(params.asked(), params)})
-    return found or _failed(_contradictions(params, names_of(params.asked(), params)[0]))
-
-
-def _contradictions(params: ReadingParams, methods: Mapping[str, str]) -> dict[str, Callable[[], object]]:
-    """Return what raises where methods do not go together, by the parameter to change."""
-    found: dict[str, Callable[[], object]] = {
-        "stop": lambda: stop_rule(methods["stop"], params.stop_value, max_probes=params.max_probes)
-    }
+def find_mistakes(params: ReadingParams, mistakes: Mistakes) -> None:
+    """Add what is wrong with the methods and the files that parameters name, by parameter."""
+    find_file_mistakes(params, mistakes)
+    if mistakes:  # of files by which a method is chosen
+        return
+    with mistakes.of("wavelet"):
+        edge_cone(params.level, params.wavelet)
+    for task, name in params.asked().items():
+        with mistakes.of(task):
+            chosen_for({task: name}, params)
+    if mistakes:
+        return
+    methods = names_of(params.asked(), params)[0]
     if params.reading == TRACE:
-        return {**found, "bin_mm": lambda: params.bins}
-    return {
-        "likelihood": lambda: require_likelihood(methods["filter"], methods["likelihood"]),
-        "filter": lambda: require_rings(methods["filter"], len(params.trained_mm.split(","))),
-        **found,
-    }
-
-
-def _failed(checks: Mapping[str, Callable[[], object]]) -> dict[str, str]:
-    found = {}
-    for name, check in checks.items():
-        try:
-            check()
-        except (MethodError, PerceptionError) as error:
-            found[name] = str(error)
-    return found
+        with mistakes.of("bin_mm"):
+            params.bins  # noqa: B018 - it refuses a width that does not fit
+    else:
+        with mistakes.of("likelihood"):
+            require_likelihood(methods["filter"], methods["likelihood"])
+        with mistakes.of("filter"):
+            require_rings(methods["filter"], len(params.trained_mm.split(",")))
+    with mistakes.of("stop"):
+        stop_rule(methods["stop"], params.stop_value, max_probes=params.max_probes)
 
 
 def uses_of(params: ReadingParams) -> list[MethodUse]:

@@ -22,7 +22,7 @@ from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.stage.aerotech import AerotechState
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.torque.ati import AtiState
 from palp_core.palpation.mechanics import Probe, contact_model, solve
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -95,7 +95,7 @@ def test_what_the_sensors_driver_reads_follows_the_stages_and_the_rings_drivers(
     stage: Any = open_device("stage", "aerotech", **options["aerotech"], lift_m=0.005)
     ring: Any = open_device("ring", "maestro", **options["maestro"])
     sensor: Any = open_device("torque", "ati", **options["ati"])
-    at_stage, at_ring, at_sensor = AerotechState(), MaestroState(), WrenchState()
+    at_stage, at_ring, at_sensor = AerotechState(), MaestroState(), AtiState()
 
     def block_of(duration_ns: int) -> Any:
         begin_ns, blocks = now(), []

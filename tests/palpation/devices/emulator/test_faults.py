@@ -20,7 +20,7 @@ from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
 from palp_core.palpation.devices.safety.watchdog import Watchdog, WatchedLoad, WatchedStage, WatchLimits
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.torque.ati import AtiState
 
 RNG = np.random.default_rng(0)
 S = 1_000_000_000
@@ -66,7 +66,7 @@ def named(monkeypatch: pytest.MonkeyPatch) -> list[Condition]:
 
 
 def succeeds(step: Callable[[], None]) -> bool:
-    """Tell whether a step goes through, for one that a reply still under way may spoil."""
+    """Return whether a step goes through, for one that a reply still under way may spoil."""
     try:
         step()
     except DeviceError:
@@ -113,8 +113,8 @@ def open_stage(rig: EmulatedRig) -> AerotechStage:
 
 
 def test_the_documentation_has_the_table_of_the_faults_that_are_tested() -> None:
-    said = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
-    assert table() in said, "faults.md needs the output of 'python -m benchmarks.rig_bench.faults'"
+    shown = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
+    assert table() in shown, "faults.md needs the output of 'python -m benchmarks.rig_bench.faults'"
 
 
 def test_every_fault_of_every_emulated_device_has_a_row() -> None:
@@ -149,7 +149,7 @@ def test_a_sensors_fault_has_a_name_loses_nothing_received_and_passes(
     device, name = fault.device, fault.name
     rig = quick_rig(device)
     sensor = open_sensor(rig, device)
-    state: Any = WrenchState() if KINDS[device] == "torque" else EmgSourceState()
+    state: Any = AtiState() if KINDS[device] == "torque" else EmgSourceState()
     sensor.open(now(), state, RNG)
     blocks: list[Any] = []
 
@@ -259,7 +259,7 @@ def test_a_device_that_is_not_there_is_a_clear_error(
     rig.disconnect(device)
     kind: Any = KINDS[device]
     driver: Any = open_device(kind, device, **options)
-    state: Any = {"stage": AerotechState, "ring": MaestroState, "torque": WrenchState, "emg": EmgSourceState}
+    state: Any = {"stage": AerotechState, "ring": MaestroState, "torque": AtiState, "emg": EmgSourceState}
     with pytest.raises(DeviceError, match=device if device != "aerotech" else "stage|aerotech"):
         driver.open(now(), state[kind](), RNG)
     rig.connect(device)

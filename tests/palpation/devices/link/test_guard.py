@@ -1,4 +1,4 @@
-"""A device is told to stop by another process when the one that commands it is killed, and only then."""
+"""A device is stopped by another process when the one that commands it is killed, and only then."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ def link() -> Iterator[tuple[socket.socket, socket.socket]]:
 
 
 def everything_said(device: socket.socket) -> bytes:
-    """Return what was said until all others have closed the link."""
-    said = b""
+    """Return what was written until all others have closed the link."""
+    shown = b""
     while more := device.recv(1000):
-        said += more
-    return said
+        shown += more
+    return shown
 
 
 def test_a_killed_process_is_spoken_for_though_its_group_is_killed_with_it(
@@ -94,7 +94,7 @@ def test_a_guard_that_is_gone_is_missed_and_one_that_is_stopped_is_noticed(
     guard.release()
 
 
-def test_a_link_that_no_other_process_can_hold_is_not_guarded_and_that_is_said(
+def test_a_link_that_no_other_process_can_hold_is_not_guarded_and_that_is_reported(
     quick_rig: Callable[..., EmulatedRig], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = SerialLink("stage", "loop://", 115200)
@@ -113,7 +113,7 @@ def kill_guards() -> None:
             child.kill()
 
 
-def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_opened_anew(
+def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_opened_again(
     quick_rig: Callable[..., EmulatedRig], wait: Any, patient: dict[str, dict[str, Any]]
 ) -> None:
     rig = quick_rig("aerotech")

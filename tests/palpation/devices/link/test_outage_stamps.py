@@ -27,7 +27,7 @@ def worst_ns(line: SampleLine, begin_ns: int, end_ns: int, first_index: int | No
 
 
 @pytest.mark.parametrize("outage_s", [0.3, 2.0, 100.0])
-def test_a_source_that_numbers_anew_after_an_outage_has_stamps_of_today(outage_s: float) -> None:
+def test_a_source_that_numbers_again_after_an_outage_has_stamps_of_today(outage_s: float) -> None:
     line = SampleLine(RATE_HZ, 1)
     assert worst_ns(line, S, 21 * S, 0) < 1_000_000
     back_ns = 21 * S + round(outage_s * S)

@@ -18,7 +18,7 @@ from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.ports import PtyPort
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
-from palp_core.palpation.devices.torque.wrench_state import WrenchState
+from palp_core.palpation.devices.torque.ati import AtiState
 from palp_core.palpation.devices.wire import aerotech
 from tests.support.manual_reactor import ManualReactor
 
@@ -100,7 +100,7 @@ def test_two_clients_of_the_bus_are_both_served_and_both_come_back(
 ) -> None:
     rig = quick_rig("ati")
     sensors = [open_device("torque", "ati", **rig.options["ati"], **patient["ati"]) for _ in range(2)]
-    states = [WrenchState() for _ in sensors]
+    states = [AtiState() for _ in sensors]
     counts = [0, 0]
 
     def received(least: int) -> bool:

@@ -38,11 +38,11 @@ class Good:
 
 
 def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wait: Any) -> None:
-    watch, said = HealthMonitor(0.0), list[str]()
+    watch, shown = HealthMonitor(0.0), list[str]()
     report = watch.report
 
     def note(condition: Condition, now_ns: int, cause: str = "") -> None:
-        said.append(f"{condition}: {cause}")
+        shown.append(f"{condition}: {cause}")
         report(condition, now_ns, cause)
 
     watch.report = note  # type: ignore[method-assign]
@@ -51,12 +51,12 @@ def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wai
     receiver.start()
     wait.until(lambda: not sessions and watch.read(2).ok)
     receiver.stop()
-    assert "link lost: odd: ZeroDivisionError: odd" in said
+    assert "link lost: odd: ZeroDivisionError: odd" in shown
     assert receiver.lost_count == 1
 
 
 @pytest.mark.parametrize(
-    ("raised", "said"),
+    ("raised", "shown"),
     [
         (NameError("canlib"), "odd: cannot connect: NameError: canlib; check address and cable"),
         (OSError(113, "No route to host"), "odd: cannot connect: No route to host; check address and cable"),
@@ -64,11 +64,11 @@ def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wai
     ],
 )
 def test_whatever_a_library_raises_at_the_first_session_is_a_device_error(
-    raised: Exception, said: str
+    raised: Exception, shown: str
 ) -> None:
     def connect() -> Any:
         raise raised
 
     with pytest.raises(DeviceError) as seen:
         SessionThread("odd", connect, HealthMonitor(1.0), HostTime()).start()
-    assert str(seen.value) == said
+    assert str(seen.value) == shown

@@ -102,7 +102,7 @@ def test_a_rod_at_its_greatest_speed_is_believed() -> None:
     assert rig.watch.read(rig.now_ns).ok
 
 
-def test_the_speed_is_told_before_any_target(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_speed_is_reported_before_any_target(monkeypatch: pytest.MonkeyPatch) -> None:
     class Recorded(Line):
         def close(self) -> None:
             pass

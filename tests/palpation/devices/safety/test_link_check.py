@@ -66,14 +66,14 @@ def run(
     late_ms: float = 5.0,
     seed: int = 0,
 ) -> tuple[LinkCheck, list[str]]:
-    """Let both be heard, late by up to ``late_ms`` and each in its order; return what was said meanwhile."""
-    rng, check, said = np.random.default_rng(seed), LinkCheck(FASTEST_M_PER_S), []
-    heard: list[tuple[int, int, StagePlace | AxisReport]] = []
+    """Let both report, late by up to ``late_ms`` and each in its order; return the results meanwhile."""
+    rng, check, shown = np.random.default_rng(seed), LinkCheck(FASTEST_M_PER_S), []
+    received: list[tuple[int, int, StagePlace | AxisReport]] = []
     for source, rows in enumerate((ask(stage, rng, period_ms, answer_ms), ask(link, rng, 50.0, answer_ms))):
         arrives_ns = 0
         for asked_ns, answered_ns, at_m in rows:
             arrives_ns = max(arrives_ns, answered_ns + round(rng.uniform(0.0, late_ms) * MS))
-            heard.append(
+            received.append(
                 (
                     arrives_ns,
                     source,
@@ -82,13 +82,13 @@ def run(
                     else axis(asked_ns, answered_ns, at_m),
                 )
             )
-    for _, _, item in sorted(heard, key=lambda row: row[:2]):
+    for _, _, item in sorted(received, key=lambda row: row[:2]):
         if isinstance(item, StagePlace):
             check.note_stage(item)
         else:
             check.note_axis(item)
-        said.append(check.contradiction)
-    return check, said
+        shown.append(check.contradiction)
+    return check, shown
 
 
 def axis(asked_ns: int, answered_ns: int, at_m: float) -> AxisReport:
@@ -106,8 +106,8 @@ def axis(asked_ns: int, answered_ns: int, at_m: float) -> AxisReport:
 def test_the_same_controller_never_contradicts_itself_however_late_and_slow_all_is(
     period_ms: float, answer_ms: float, late_ms: float, seed: int
 ) -> None:
-    check, said = run(SWEEPS, SWEEPS, period_ms=period_ms, answer_ms=answer_ms, late_ms=late_ms, seed=seed)
-    assert set(said) == {""}
+    check, shown = run(SWEEPS, SWEEPS, period_ms=period_ms, answer_ms=answer_ms, late_ms=late_ms, seed=seed)
+    assert set(shown) == {""}
     assert check.verified_ns("y") > 0
     assert "mm are needed" not in check.result("y")
     assert check.verified_ns("z") == 0
@@ -134,15 +134,15 @@ def test_the_same_controller_never_contradicts_itself_however_late_and_slow_all_
     ],
 )
 def test_another_controller_is_noticed_and_never_verified(stage: Place, link: Place, seed: int) -> None:
-    check, said = run(stage, link, seed=seed)
-    assert "the link leads to another controller" in "".join(said)
+    check, shown = run(stage, link, seed=seed)
+    assert "the link leads to another controller" in "".join(shown)
     if link is RESTS or stage is RESTS:
         assert check.verified_ns("y") == 0
 
 
 def test_a_link_on_a_controller_at_rest_is_not_verified_though_the_bounds_are_wide() -> None:
-    check, said = run(SMALL, RESTS, period_ms=400.0, answer_ms=300.0)
-    assert set(said) == {""}
+    check, shown = run(SMALL, RESTS, period_ms=400.0, answer_ms=300.0)
+    assert set(shown) == {""}
     assert check.verified_ns("y") == 0
     assert check.result("y") == "followed the stage over 0.0 mm, 1.5 mm are needed"
 

@@ -66,7 +66,7 @@ def test_a_child_that_hands_over_to_another_is_not_missed(sleeper: subprocess.Po
     assert processes.ended() == [following.pid]
 
 
-def test_a_guard_that_is_left_behind_stands_for_no_node(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+def test_a_guard_that_is_left_behind_is_for_no_node(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
     processes = ProcessWatch(parent=os.getpid(), own=0)
     processes.refresh()
     left = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The watch: each limit names its cause, what is within them passes, and what is not heard is noticed."""
+"""The watch: each limit names its cause, what is within them passes, and silence is noticed."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_load_that_must_not_be_names_its_cause(load: WatchedLoad, cause: Cause
         (replace(PLACE, speed_m_per_s=float("nan")), Cause.SPEED),
         (replace(PLACE, condition="limit"), Cause.AXIS_FAULT),
         (replace(PLACE, condition="link lost"), Cause.LINK_LOST),
-        (replace(PLACE, condition="unheard"), Cause.HEARTBEAT),
+        (replace(PLACE, condition="no heartbeat"), Cause.HEARTBEAT),
     ],
 )
 def test_a_stage_that_is_not_as_it_should_be_names_its_cause(place: WatchedStage, cause: Cause) -> None:
@@ -68,13 +68,13 @@ def test_the_driver_stops_before_the_watch_does() -> None:
 def test_a_ring_is_judged_by_its_condition_and_an_axis_by_its_fault_and_how_it_follows() -> None:
     dog = watchdog()
     found = [dog.check_ring(MS, condition) for condition in ("stalled", "link lost", "ok")]
-    found += [dog.check_axis("X", *said) for said in (("e stop", 0.0), ("", 0.6e-3), ("", 0.4e-3))]
+    found += [dog.check_axis("X", *shown) for shown in (("e stop", 0.0), ("", 0.6e-3), ("", 0.4e-3))]
     causes = [[violation.cause for violation in each] for each in found]
     ring = [[Cause.RING_FAULT], [Cause.LINK_LOST], []]
     assert causes == [*ring, [Cause.AXIS_FAULT], [Cause.FOLLOWING], []]
 
 
-def heard(dog: Watchdog, ms: int) -> None:
+def received(dog: Watchdog, ms: int) -> None:
     dog.check_load(replace(FINE, sample_ns=ms * MS))
     dog.check_stage(replace(PLACE, stamp_ns=ms * MS))
     dog.check_ring(ms * MS, "ok")
@@ -83,13 +83,13 @@ def heard(dog: Watchdog, ms: int) -> None:
 def test_nothing_is_late_while_all_speak_in_time() -> None:
     dog = watchdog()
     assert {finding.cause for finding in dog.overdue(1)} == {Cause.STALE, Cause.HEARTBEAT}
-    heard(dog, 100)
+    received(dog, 100)
     assert dog.overdue(125 * MS) == []
 
 
 def test_a_sample_is_stale_after_25_ms_and_a_heartbeat_lost_after_50() -> None:
     dog = watchdog()
-    heard(dog, 100)
+    received(dog, 100)
     silent = dog.overdue(126 * MS)[0]
     assert silent.cause is Cause.HEARTBEAT  # of a node that is silent, too, it is not the sensor's
     assert "report of the sensor" in silent.text
@@ -100,7 +100,7 @@ def test_a_sample_is_stale_after_25_ms_and_a_heartbeat_lost_after_50() -> None:
 
 def test_a_report_without_a_sample_does_not_make_the_sensor_fresh() -> None:
     dog = watchdog()
-    heard(dog, 100)
+    received(dog, 100)
     dog.check_load(replace(FINE, sample_ns=0, stamp_ns=125 * MS))
     dog.check_load(replace(FINE, sample_ns=90 * MS, stamp_ns=126 * MS))
     assert [f.cause for f in dog.overdue(126 * MS)] == [Cause.STALE]
@@ -129,9 +129,9 @@ def test_a_watch_later_than_a_heartbeat_is_a_reason_to_stop_by_its_own_name() ->
     assert "55 ms" in found[0].text
 
 
-def test_a_limit_that_is_passed_is_told_with_its_value_and_the_parameter_that_sets_it() -> None:
+def test_a_limit_that_is_passed_is_reported_with_its_value_and_the_parameter_that_sets_it() -> None:
     dog = Watchdog(WatchLimits(travel=WINDOW, stale_s=0.030, beat_s=0.060))
-    heard(dog, 100)
+    received(dog, 100)
     dog.check_load(replace(FINE, sample_ns=100 * MS, stamp_ns=170 * MS))
     sample, stage, ring = (finding.text for finding in dog.overdue(170 * MS))
     assert sample == "last torque sample: 70 ms ago, the limit is 30 ms (stale_ms)"
@@ -152,27 +152,27 @@ def test_a_limit_that_is_passed_is_told_with_its_value_and_the_parameter_that_se
 
 
 def test_what_stage_and_ring_say_of_a_beat_that_is_late_is_passed_on_with_its_limit() -> None:
-    words = MotionPermit(0.080).unheard_words
+    words = MotionPermit(0.080).lost_text
     assert words == "no heartbeat of the safety node, the limit is 80 ms (beat_ms)"
-    (stage,) = watchdog().check_stage(replace(PLACE, condition="unheard", text=words))
+    (stage,) = watchdog().check_stage(replace(PLACE, condition="no heartbeat", text=words))
     (ring,) = watchdog().check_ring(MS, "stalled", "1.2 mm short")
-    assert stage.text == f"the stage says: unheard: {words}"
+    assert stage.text == f"the stage says: no heartbeat: {words}"
     assert ring.text == "the ring's driver says: stalled: 1.2 mm short"
 
 
 def test_a_stage_that_homes_may_be_silent_but_nothing_else_may() -> None:
     dog = watchdog()
-    heard(dog, 100)
+    received(dog, 100)
     dog.check_stage(replace(PLACE, stamp_ns=101 * MS, bring_up=True))
     dog.check_load(replace(FINE, sample_ns=5000 * MS))
     assert [f.text.split(":")[0] for f in dog.overdue(5001 * MS)] == ["last report of the ring"]
 
 
-def test_a_stage_that_has_not_taken_note_of_the_release_is_not_heard() -> None:
+def test_a_stage_that_has_not_taken_note_of_the_release_is_not_received() -> None:
     dog = watchdog()
-    heard(dog, 100)
+    received(dog, 100)
     dog.arm()
-    heard(dog, 110)
+    received(dog, 110)
     dog.arm()
     dog.check_load(replace(FINE, sample_ns=120 * MS))
     dog.check_ring(120 * MS, "ok")
@@ -236,7 +236,7 @@ def test_the_window_is_the_path_and_a_margin() -> None:
 
 def test_stamps_from_the_future_do_not_hide_silence() -> None:
     dog = watchdog()
-    heard(dog, 100)
+    received(dog, 100)
     dog.check_load(replace(FINE, sample_ns=10_000 * MS, stamp_ns=100 * MS))
     dog.check_ring(10_000 * MS, "ok")
     assert [f.text.split(":")[0] for f in dog.overdue(110 * MS)] == [

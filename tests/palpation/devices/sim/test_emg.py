@@ -92,13 +92,6 @@ def test_the_power_lies_within_the_band() -> None:
     )  # -3 dB
 
 
-def test_the_offset_is_in_the_signal() -> None:
-    source = SimEmg(matrix=UNIFORM, offset_v=2.0, rest_s=10.0)
-    block = source.drain(10 * S, started(source), np.random.default_rng(0))
-    assert np.mean(block.fds_v) == pytest.approx(2.0, abs=1e-6)
-    assert np.mean(block.edc_v) == pytest.approx(2.0, abs=1e-6)
-
-
 def levels_visited(source: SimEmg, step_count: int) -> list[int]:
     """Step through the chain sample by sample, which a state that is handed over allows."""
     state, rng, now_ns = started(source), np.random.default_rng(0), 0

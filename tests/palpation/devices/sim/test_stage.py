@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.sim.stage import SimStage, SimStageState, path_end_ns
+from palp_core.palpation.devices.sim.stage import SimStage, SimStageState
 
 FROM_M, TO_M = -0.025, 0.025
 few = settings(deadline=None, max_examples=40)
@@ -100,22 +100,6 @@ def test_a_stop_can_come_twice() -> None:
     assert abs(stage.stop(now_ns + 5_000_000, state) - rest_ns) <= 2
 
 
-@few
-@given(st.integers(0, 3 * 10**9), st.booleans())
-def test_the_state_survives_the_wire_in_the_middle_of_a_move(after_ns: int, stopping: bool) -> None:
-    stage = SimStage()
-    state, now_ns = at_the_start(stage)
-    stage.sweep(FROM_M, TO_M, now_ns, state)
-    now_ns += after_ns
-    if stopping:
-        stage.stop(now_ns, state)
-    heir = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=SimStageState)
-    SimStage(accel_m_per_s2=2.0).open(now_ns, heir, np.random.default_rng(1))
-    times = now_ns + np.arange(0, 4 * 10**9, 10**7)
-    assert np.array_equal(stage.read(times, heir).y_m, stage.read(times, state).y_m)
-    assert path_end_ns(heir) == path_end_ns(state)
-
-
 def test_commands_that_cannot_be_followed_are_refused_and_change_nothing() -> None:
     stage = SimStage()
     state = SimStageState()
@@ -137,11 +121,3 @@ def test_commands_that_cannot_be_followed_are_refused_and_change_nothing() -> No
     with pytest.raises(DeviceError, match="y_m"):
         stage.return_to(0.056, now_ns, state)
     assert msgspec.msgpack.encode(state) == kept
-
-
-def test_a_raised_stage_does_not_sweep() -> None:
-    stage = SimStage()
-    state = SimStageState()
-    stage.open(0, state, np.random.default_rng(0))
-    with pytest.raises(DeviceError, match="return_to"):
-        stage.sweep(0.01, 0.02, 0, state)

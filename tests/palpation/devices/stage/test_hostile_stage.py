@@ -101,7 +101,7 @@ def test_a_path_that_does_not_end_in_its_time_is_aborted_and_not_left_to_itself(
 
 
 class LyingLink:
-    """The link of its own, whose answers break whoever reads them."""
+    """The link of its own, whose answers break their reader."""
 
     def __init__(self) -> None:
         self.asked = threading.Event()
@@ -120,7 +120,7 @@ class LyingLink:
         pass
 
 
-def test_whatever_breaks_the_looks_at_the_axes_is_told_and_does_not_end_them(
+def test_whatever_breaks_the_looks_at_the_axes_is_reported_and_does_not_end_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     link = LyingLink()
@@ -131,7 +131,7 @@ def test_whatever_breaks_the_looks_at_the_axes_is_told_and_does_not_end_them(
             link.asked.clear()
             assert link.asked.wait(30.0)
             link.asked.clear()
-            assert link.asked.wait(30.0)  # what was asked before has been heard by now
+            assert link.asked.wait(30.0)  # what was asked before has been answered by now
             with pytest.raises(DeviceError, match="ZeroDivisionError"):
                 stop.reports()
     finally:
@@ -139,7 +139,7 @@ def test_whatever_breaks_the_looks_at_the_axes_is_told_and_does_not_end_them(
 
 
 class HealthyLink:
-    """An axis at rest as a real controller told it: bit 31, a level of the emergency stop, is set."""
+    """An axis at rest as a real controller reported it: bit 31, a level of the emergency stop, is set."""
 
     def require_guard(self) -> None:
         pass

@@ -1,4 +1,4 @@
-"""A stage that is stopped half-way, or not heard any more, goes nowhere else: nor is it lowered there."""
+"""A stage that is stopped half-way, or silent, goes nowhere else: nor is it lowered there."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Start = Callable[..., EmulatedRig]
 
 
 def moves(rig: EmulatedRig) -> list[str]:
-    """Return the moves that the controller was told since the start."""
+    """Return the moves that the controller was sent since the start."""
     return [line for _, _, line in rig.call(lambda _: list(rig.axes.log)) if "MOVEABS" in line]
 
 
@@ -116,7 +116,7 @@ def test_a_homing_whose_answers_stop_is_aborted_before_the_line_is_given_up(
     wait.until(lambda: not rig.call(rig.axes.z.homing))
 
 
-def test_a_stage_that_is_not_heard_any_more_is_aborted_in_its_move(quick_rig: Start, wait: Any) -> None:
+def test_a_stage_that_is_not_received_any_more_is_aborted_in_its_move(quick_rig: Start, wait: Any) -> None:
     rig = quick_rig("aerotech")
     options = {**rig.options["aerotech"], "timeout_s": 0.5, "stale_s": 30.0, "lift_m": 0.002}
     stage, state = AerotechStage(**options, return_speed_m_per_s=0.001), AerotechState()

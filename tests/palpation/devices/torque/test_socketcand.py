@@ -71,12 +71,12 @@ def then(talk: Talk) -> Talk:
     return whole
 
 
-@pytest.mark.parametrize("said", [[], [b"< hi >"], [b"< hi >", b"< ok >"], [b"< hello >"]])
-def test_a_server_that_falls_silent_after_its_greeting_is_an_error_in_time(said: list[bytes]) -> None:
+@pytest.mark.parametrize("shown", [[], [b"< hi >"], [b"< hi >", b"< ok >"], [b"< hello >"]])
+def test_a_server_that_falls_silent_after_its_greeting_is_an_error_in_time(shown: list[bytes]) -> None:
     over = threading.Event()
 
     def falls_silent(connection: socket.socket) -> None:
-        say(*said)(connection)
+        say(*shown)(connection)
         over.wait(60.0)
 
     with serving(GREET, falls_silent) as options:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import correlation
 
-from nodes.estimator import EstimatorParams
+from nodes.estimator import Estimator, EstimatorParams
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.node.params import describe_params
 from palp_core.methods import methods
@@ -26,7 +26,6 @@ from palp_core.palpation.perception.belief.stopping import (
     require_classes,
     stop_rule,
 )
-from palp_core.palpation.session.reading_params import mistakes
 from palp_core.palpation.session.reanalysis import Methods as DecisionMethods
 
 FLAT = np.full(3, 1 / 3)
@@ -182,8 +181,9 @@ def test_one_declared_class_is_all_that_a_new_rule_takes(request: pytest.Fixture
             return StopState(np.full(np.shape(sure), np.nan), np.asarray(sure))
 
     assert "after_doubt" in describe_params(EstimatorParams)["stop"].choices
-    assert mistakes(EstimatorParams(stop="after_doubt")) == {}
-    assert "cannot have doubt" in mistakes(EstimatorParams(stop="after_doubt", stop_value=2.0))["stop"]
+    assert Estimator.examine(EstimatorParams(stop="after_doubt")) == {}
+    examined = Estimator.examine(EstimatorParams(stop="after_doubt", stop_value=2.0))
+    assert "cannot have doubt" in examined["stop"]
     assert DecisionMethods(stop="after_doubt").stop == "after_doubt"
     require_classes("after_doubt", 2)
     history = _history([0.7, 0.2, 0.1])

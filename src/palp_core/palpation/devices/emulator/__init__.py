@@ -6,7 +6,6 @@
 ['ati']
 """
 
-from palp_core.palpation.devices.emulator.rig import DEVICES, EmulatedRig
-from palp_core.palpation.devices.emulator.settings import RigSettings
+from palp_core.palpation.devices.emulator.rig import DEVICES, EmulatedRig, RigSettings
 
 __all__ = ["DEVICES", "EmulatedRig", "RigSettings"]

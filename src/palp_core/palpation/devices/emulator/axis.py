@@ -59,7 +59,7 @@ class Axis:
         return self.profile.velocity(now_ns)
 
     def moving(self, now_ns: int) -> bool:
-        """Tell whether a move or homing is under way."""
+        """Return whether a move or homing is under way."""
         return now_ns < self.profile.end_ns or self.homing(now_ns)
 
     @property
@@ -68,7 +68,7 @@ class Axis:
         return self.profile.end_ns
 
     def homing(self, now_ns: int) -> bool:
-        """Tell whether homing is under way; its end makes the axis homed."""
+        """Return whether homing is under way; its end makes the axis homed."""
         if self.homing_until_ns and now_ns >= self.homing_until_ns:
             self.homing_until_ns, self.homed = 0, True
             self._rest(self.settings.home_m, now_ns)
@@ -82,11 +82,11 @@ class Axis:
         return True
 
     def ready(self, now_ns: int) -> bool:
-        """Tell whether the axis takes a move."""
+        """Return whether the axis takes a move."""
         return self.enabled and not self.fault and not self.moving(now_ns)
 
     def inside(self, target_m: float) -> bool:
-        """Tell whether a target is within the software limits; one outside of them is a fault."""
+        """Return whether a target is within the software limits; one outside of them is a fault."""
         if target_m > self.settings.soft_high_m:
             self.fault |= Fault.CW_SOFT_LIMIT
         elif target_m < self.settings.soft_low_m:

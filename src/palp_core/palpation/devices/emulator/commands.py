@@ -13,8 +13,7 @@ from typing import Any, TextIO
 import msgspec
 
 from palp_core.errors import DeviceError, PalpError
-from palp_core.palpation.devices.emulator.rig import EmulatedRig
-from palp_core.palpation.devices.emulator.settings import RigSettings
+from palp_core.palpation.devices.emulator.rig import EmulatedRig, RigSettings
 
 
 def read_settings(text: str) -> RigSettings:

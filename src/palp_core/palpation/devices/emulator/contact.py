@@ -6,6 +6,7 @@ where the ball leaves the surface; at the ends of the solved stretch it stays as
 the contact is that of the place it goes to: on a rig that palpates, the probe is raised then.
 """
 
+import math
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.axis import Axes
-from palp_core.palpation.devices.emulator.rod import EmulatedRod
+from palp_core.palpation.devices.emulator.maestro import EmulatedRod
 from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.guard import speed_guard
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
@@ -68,10 +69,20 @@ class GuardMet:
 
 
 class ProbeContact:
-    """The contact of probe and phantom. Used by one thread; a second one solves sweeps ahead of need."""
+    """The contact of probe and phantom. Used by one thread; a second one solves sweeps.
 
-    def __init__(self, settings: ContactSettings, axes: Axes, rod: EmulatedRod, seed: int) -> None:
-        self.settings, self._axes, self._rod = settings, axes, rod
+    Args:
+        settings: What is touched.
+        axes: Where the probe is.
+        rod: Where the ring is.
+        seed: Of the world's random numbers.
+        ahead: Solve before anything is felt: for a sensor that may not wait.
+    """
+
+    def __init__(
+        self, settings: ContactSettings, axes: Axes, rod: EmulatedRod, seed: int, *, ahead: bool
+    ) -> None:
+        self.settings, self._axes, self._rod, self._ahead = settings, axes, rod, ahead
         self.rig = rig(
             phantoms=settings.phantoms,
             scene=settings.scene,
@@ -97,8 +108,9 @@ class ProbeContact:
         if code not in known:
             raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(known))}")
         self._code, self._height_m, self._mounting = code, height_offset_m, self._mounting + 1
-        self._pressed_m = self.rig.indentation_m + height_offset_m
-        self._solve()
+        self._pressed_m, self._solved_for_m = self.rig.indentation_m + height_offset_m, math.nan
+        if self._ahead:
+            self._solve()
 
     def latents(self) -> Float64Array:
         """Return what the mounted phantom is off by, shape (7,), as of :data:`.LATENTS`."""

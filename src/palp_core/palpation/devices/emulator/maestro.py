@@ -1,12 +1,55 @@
 """A Pololu Maestro with an L12-I on channel 0 and its feedback on channel 1."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from palp_core.palpation.devices.emulator.rod import EmulatedRod
+import numpy as np
+
+from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 from palp_core.palpation.devices.wire.maestro import SPEED_UNIT_US_PER_S, Error, crc7
 
 _LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0x93: 1, 0xA1: 1, 0xA2: 1}
 _L12_M_PER_S = 6.5e-3
+
+
+class EmulatedRod:
+    """The actuator's rod: a simulated ring that counts from the retracted stop."""
+
+    def __init__(self, ring: SimRing, seed: int) -> None:
+        self._zero_m = ring.zero_m
+        self._ring = replace(ring, zero_m=0.0, settle_s=0.0, feedback_step_m=0.0)
+        self._state, self._rng = SimRingState(), np.random.default_rng(seed)
+        self._ring.open(0, self._state, self._rng)
+        self.stalled = False
+
+    @property
+    def stroke_m(self) -> float:
+        """Stop to stop."""
+        return self._ring.stroke_m
+
+    def move(self, extension_m: float, speed_m_per_s: float, now_ns: int) -> None:
+        """Send the rod to an extension; the true landing error is drawn here."""
+        if not self.stalled:
+            self._ring = replace(self._ring, speed_m_per_s=speed_m_per_s)
+            target_m = min(max(extension_m, 0.0), self.stroke_m)
+            self._ring.command(target_m, now_ns, self._state, self._rng)
+
+    def stall(self, now_ns: int) -> None:
+        """Block the rod where it is."""
+        self._ring.stop(now_ns, self._state)
+        self.stalled = True
+
+    def extension_m(self, now_ns: int) -> float:
+        """Return where the rod is by its own potentiometer."""
+        return self._ring.read(now_ns, self._state).measured_m
+
+    def ring_m(self, now_ns: int) -> float:
+        """Return where the ring is in truth."""
+        return self._ring.true_position_m(now_ns, self._state) - self._zero_m
+
+    @property
+    def lands_m(self) -> float:
+        """Where the ring is in truth once the rod rests."""
+        return self._state.true_m[-1] - self._zero_m
 
 
 @dataclass(frozen=True)
@@ -41,14 +84,14 @@ class Maestro:
         self._rest = b""
         self._errors = 0
         self._speed = 0
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._target_us = self._from_us = settings.retracted_us
         self._from_ns = now_ns
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Carry out every complete command."""
         self._check_silence(now_ns)
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._rest += data
         reply = b""
         while self._rest:
@@ -125,8 +168,8 @@ class Maestro:
         return self._from_us + (gone_us if way_us > 0.0 else -gone_us)
 
     def _check_silence(self, now_ns: int) -> None:
-        if 0.0 < self._settings.timeout_s < (now_ns - self._heard_ns) * 1e-9:
-            self._heard_ns = now_ns
+        if 0.0 < self._settings.timeout_s < (now_ns - self._received_ns) * 1e-9:
+            self._received_ns = now_ns
             self._fail(Error.TIMEOUT, now_ns)
 
     def _fail(self, error: Error, now_ns: int) -> None:

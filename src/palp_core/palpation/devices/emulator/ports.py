@@ -33,8 +33,8 @@ class PtyPort:
     """A terminal that takes a UART's time for each byte, at a path that outlives unplugging.
 
     A terminal does not pace by itself, so both directions wait for ten bits per byte at ``baud``. Replies go
-    out whole when their last byte is due. The emulator keeps the far end open: otherwise it could not tell a
-    client that closed from a cable that was pulled.
+    out whole when their last byte is due. The emulator keeps the far end open: otherwise a client that closed
+    would look like a cable that was pulled.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class PtyPort:
         self._loop.at(self._out_free_ns, lambda: self._write(reply) if plugged == self._plugged else None)
 
     def _write(self, data: bytes) -> None:
-        with suppress(BlockingIOError):  # nobody reads: a UART would drop it too
+        with suppress(BlockingIOError):  # without a reader a UART would drop it too
             os.write(self._master, data)
 
 

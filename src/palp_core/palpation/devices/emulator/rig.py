@@ -4,6 +4,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -11,19 +12,18 @@ from typing import Any, Protocol, Self, TypeVar
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
-from palp_core.palpation.devices.emulator.axis import Axes, Axis
-from palp_core.palpation.devices.emulator.contact import ProbeContact
-from palp_core.palpation.devices.emulator.emg import EMG_HZ, Http, Noraxon, load_filters
+from palp_core.palpation.devices.emulator.axis import Axes, Axis, AxisSettings
+from palp_core.palpation.devices.emulator.contact import ContactSettings, ProbeContact
+from palp_core.palpation.devices.emulator.emg import EMG_HZ, Http, LslOutlet, Noraxon, load_filters
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
-from palp_core.palpation.devices.emulator.lsl import LslOutlet
-from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
-from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
+from palp_core.palpation.devices.emulator.maestro import EmulatedRod, Maestro, MaestroSettings
+from palp_core.palpation.devices.emulator.netcanoem import LoadedSensor, Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.ports import DeviceSide, PtyPort, TcpPort
-from palp_core.palpation.devices.emulator.rod import EmulatedRod
-from palp_core.palpation.devices.emulator.sensor import LoadedSensor
-from palp_core.palpation.devices.emulator.settings import RigSettings
+from palp_core.palpation.devices.sim.ring import SimRing
+from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
+from palp_core.palpation.nano17 import FORCE_RESOLUTION_N
 from palp_core.user_folders import own_folder
 
 DEVICES = ("aerotech", "maestro", "ati", "noraxon", "lsl")
@@ -34,6 +34,49 @@ _DEVICE_FAULTS = {
     "maestro": (*CHECKED_FAULTS, "stalled"),
     "ati": ("saturated", "status"),
 }
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """How the emulated devices are set up.
+
+    Attributes:
+        contact: What the probe touches.
+        y_axis: The axis along the sweep.
+        z_axis: The axis that lifts the probe.
+        ring: The actuator; its speed is the controller's.
+        torque: Noise and drift of the sensor; steps and range are those of its gauges.
+        force_noise_sd_n: Noise of each force (assumed: one step of the sensor's resolution).
+        seed: Of every random number.
+        stage_serial: Whether the stage is on a terminal instead of TCP.
+        stage_baud: Of that terminal; 0 for no pacing.
+        maestro_baud: Of the ring's terminal; 0 for no pacing (USB).
+        can_bitrate: Of the sensor's bus; 0 for no pacing.
+        aerotech_port: TCP port; 0 for a free one, as for the next three.
+        aerotech_stop_port: The controller's second TCP port, for the safety process.
+        can_port: TCP port of socketcand.
+        noraxon_port: TCP port of HTTP.
+        host: Address of every TCP port.
+        folder: Where the terminals are; empty for one of its own.
+    """
+
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    y_axis: AxisSettings = field(default_factory=AxisSettings)
+    z_axis: AxisSettings = field(default_factory=lambda: AxisSettings(soft_low_m=-0.001))
+    ring: SimRing = field(default_factory=SimRing)
+    torque: SimTorque = field(default_factory=SimTorque)
+    force_noise_sd_n: float = FORCE_RESOLUTION_N
+    seed: int = 1
+    stage_serial: bool = False
+    stage_baud: int = 115200
+    maestro_baud: int = 115200
+    can_bitrate: int = 500_000
+    aerotech_port: int = 0
+    aerotech_stop_port: int = 0
+    can_port: int = 0
+    noraxon_port: int = 0
+    host: str = "127.0.0.1"
+    folder: str = ""
 
 
 class Plug(Protocol):
@@ -74,7 +117,9 @@ class EmulatedRig:
         given = self.settings
         self.axes = Axes(Axis(given.y_axis), Axis(given.z_axis))
         self.rod = EmulatedRod(given.ring, given.seed)
-        self.contact = ProbeContact(given.contact, self.axes, self.rod, given.seed)
+        self.contact = ProbeContact(
+            given.contact, self.axes, self.rod, given.seed, ahead="ati" in self._devices
+        )
         self.sensor = LoadedSensor(given.torque, given.force_noise_sd_n, self.contact, self.axes, given.seed)
         self._netcanoem = Netcanoem(self.sensor.wrench)
         self._plugs: dict[str, Plug] = {}

@@ -28,7 +28,7 @@ class LinkGuard:
     def __init__(self, name: str, descriptor: int, last_words: LastWords) -> None:
         self._name = name
         self._channel, theirs = socket.socketpair()
-        words = [f"{after_s * 1e3:g}:{said.hex()}" for after_s, said in last_words]
+        words = [f"{after_s * 1e3:g}:{word.hex()}" for after_s, word in last_words]
         with theirs:
             self._process = subprocess.Popen(
                 [

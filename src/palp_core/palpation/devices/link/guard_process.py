@@ -1,4 +1,4 @@
-"""A guard's process: when its owner dies, it says the owner's last words on the link that they share.
+"""A guard's process: when its owner dies, it writes the owner's last words to the link that they share.
 
 Run as ``python -I -S guard_process.py CHANNEL LINK MS:HEX ...``: descriptors of the channel to the owner and
 of the link, and what to write how long after the owner's death. It imports nothing of palp, so that it is
@@ -50,11 +50,11 @@ def _speak(link: int, last_words: Iterable[tuple[float, bytes]]) -> None:
             while words:
                 select.select((), (link,), ())
                 words = words[os.write(link, words) :]
-        said = "its last words were written to the device"
+        outcome = "its last words were written to the device"
     except OSError as error:
-        said = f"its last words could not be written to the device: {error}"
+        outcome = f"its last words could not be written to the device: {error}"
     with contextlib.suppress(OSError):
-        os.write(2, f"[WARNING] [{NAME}]: process {_OWNER} is gone: {said}\n".encode())
+        os.write(2, f"[WARNING] [{NAME}]: process {_OWNER} is gone: {outcome}\n".encode())
         _read_until(link, time.monotonic() + _LINGER_S)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 
 class HostTime:
-    """Tell the caller's time from the machine's monotonic clock.
+    """Derive the caller's time from the machine's monotonic clock.
 
     Every call into a driver brings the caller's time, which was read a little earlier. The smallest
     difference to the monotonic clock seen so far is therefore the best estimate of the constant between the

@@ -1,4 +1,4 @@
-"""Connect again in a thread: whoever must stop a stage waits for no address."""
+"""Connect again in a thread: a node that must stop a stage waits for no address."""
 
 import threading
 from collections.abc import Callable
@@ -19,7 +19,7 @@ C = TypeVar("C", bound=Closable)
 class Reconnection(Generic[C]):
     """Try until it succeeds; the connection is fetched by :meth:`fetch`.
 
-    An address that nobody refuses takes seconds to fail, in which nobody would be heard.
+    An address without an answer takes seconds to fail, in which the node would read no message.
     """
 
     def __init__(self, connect: Callable[[], C], pause_s: float = 0.1) -> None:
@@ -29,7 +29,7 @@ class Reconnection(Generic[C]):
         self._found: C | None = None
 
     def start(self) -> bool:
-        """Begin to try; tell whether it did not already."""
+        """Begin to try; return whether it did not already."""
         with self._lock:
             if self._thread is not None or self._closing.is_set():
                 return False

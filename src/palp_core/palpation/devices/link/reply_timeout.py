@@ -8,8 +8,8 @@ class ReplyTimeout:
     """How long an answer may still be in coming.
 
     A process that is kept from running (a busy host, a stop signal) finds the clock far ahead and the answer
-    perhaps in its buffer: nobody was silent. So each look at the clock uses up no more than ``step_s``, twice
-    what a wait takes at most, and who asks does so before the last read, not after it.
+    perhaps in its buffer: the device was not silent. So each look at the clock uses up no more than
+    ``step_s``, twice what a wait takes at most, and a caller looks before the last read, not after it.
     """
 
     def __init__(
@@ -19,7 +19,7 @@ class ReplyTimeout:
         self._seen_s = clock()
 
     def expired(self) -> bool:
-        """Tell whether the time is used up; read once more before believing it."""
+        """Return whether the time is used up; read once more before believing it."""
         now_s = self._clock()
         self._left_s -= min(now_s - self._seen_s, self._step_s)
         self._seen_s = now_s

@@ -24,7 +24,7 @@ class Stretch:
 
 
 class SampleLine:
-    """Number the samples of one device and tell their host times by a clock model.
+    """Number the samples of one device and give them host times by a clock model.
 
     A device with a sequence number gives the number of its first sample with each chunk. One without has
     only its rate: the line compares how many samples came with how many the time allows. A chunk may be late
@@ -69,7 +69,7 @@ class SampleLine:
                 self._clock.observe((self._next - 1) / self._rate_hz, host_ns)
 
     def restart_numbering(self, count: int, host_ns: int) -> int:
-        """Return the number of the next sample, of a device that numbers its samples anew from here.
+        """Return the number of the next sample, of a device that numbers its samples from 0 again.
 
         What the time would have given since the last one is lost; the clock is learnt again.
         """
@@ -106,7 +106,7 @@ class SampleLine:
             )
 
     def _skip_lost(self, count: int, host_ns: int) -> bool:
-        """Jump over samples that did not come in time; tell whether there were any."""
+        """Jump over samples that did not come in time; return whether there were any."""
         if not self.received_count:
             return False
         late_ns = self._late_ns(count, host_ns)

@@ -20,7 +20,7 @@ _SLICE_S = 0.02  # how long one read waits; changing a port's own time-out is co
 
 
 class LinkLost(DeviceError):
-    """The device file is gone, the connection closed: only opening it anew helps."""
+    """The device file is gone, the connection closed: only opening it again helps."""
 
 
 class SerialLink:
@@ -48,7 +48,7 @@ class SerialLink:
                 self._readable.register(self._connection, select.POLLIN)
 
     def guard(self, last_words: LastWords) -> bool:
-        """Let another process say these words should this one die; tell whether the link can be shared."""
+        """Let another process write these words should this one die; return whether the link allows it."""
         try:
             descriptor = self._port.fileno()
         except (*_LOST, AttributeError, ValueError):  # as of rfc2217://

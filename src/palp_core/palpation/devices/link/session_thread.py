@@ -35,13 +35,8 @@ class SessionThread:
         host: HostTime,
         retry_s: float = 0.1,
     ) -> None:
-        self._name, self._connect, self._monitor, self._host, self._retry_s = (
-            name,
-            connect,
-            monitor,
-            host,
-            retry_s,
-        )
+        self._name, self._connect, self._retry_s = name, connect, retry_s
+        self._monitor, self._host = monitor, host
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.lost_count = 0
@@ -80,7 +75,7 @@ class SessionThread:
                 if session is None:
                     session = self._begin()
                 session.step(self._stop)
-            except Exception as error:  # noqa: BLE001 - or the thread would end, and nobody would know why
+            except Exception as error:  # noqa: BLE001 - or the thread would end without a report
                 if session is not None:
                     self.lost_count += 1
                     _close(session)

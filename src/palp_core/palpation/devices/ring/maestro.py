@@ -1,7 +1,7 @@
 """The ring's actuator: an L12-I that a Pololu Maestro commands by pulses and whose feedback it reads.
 
-What the Maestro calls the position of a servo channel is the pulse it sends; where the rod is tells only the
-feedback lead on an input channel, and the driver goes by that.
+What the Maestro calls the position of a servo channel is the pulse it sends; where the rod is shows only the
+feedback lead on an input channel, which the driver uses.
 """
 
 import math
@@ -23,7 +23,7 @@ from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import maestro as wire
 
 _TOP_SPEED_M_PER_S = 6.5e-3  # L12-50-210-06 without load
-_WORTH_TELLING_S = 1.0
+_SHORTEST_WAIT_S = 1.0
 
 
 class MaestroState(msgspec.Struct):
@@ -64,7 +64,7 @@ class MaestroRing:
         arrived_count: For how many polls.
         stall_s: Longest time without progress while moving.
         duty: Largest share of the time that the motor runs (data sheet: 20 %).
-        duty_window_s: Over which that is reckoned (assumed).
+        duty_window_s: Over which that holds (assumed).
         poll_hz: Rate of the feedback.
         stale_s: Longest silence; four polls at least.
         timeout_s: Longest wait for an answer.
@@ -211,7 +211,7 @@ class MaestroRing:
         settled = state.homed and self._motion.arrived and self._host.now_ns() >= state.settled_ns
         waits_s = self._motion.waits_ns(self._host.now_ns()) / 1e9
         waits = ""
-        if waits_s >= _WORTH_TELLING_S:
+        if waits_s >= _SHORTEST_WAIT_S:
             waits = (
                 f"its motor may run {100 * self.duty:g} % of the time alone, and waits {waits_s:.0f} s more"
             )
@@ -221,7 +221,7 @@ class MaestroRing:
         """Return feedback and pulse; nothing moves."""
         link = MaestroLink(self.url, self.crc, self.timeout_s, self.servo)
         try:
-            link.mark_out_of_step()  # the line must be silent while nobody asks
+            link.mark_out_of_step()  # the line must be silent without a question
             counts, pulse_us = link.position(self.feedback), link.position(self.servo) / 4.0
             if counts > wire.LARGEST_INPUT or pulse_us > wire.LONGEST_US:
                 raise DeviceError(

@@ -85,7 +85,7 @@ class RodMotion:
         self.holding = not self.arrived
 
     def hold(self) -> None:
-        """Make the place where the rod is its target; said again it means the same place."""
+        """Make the place where the rod is its target; called again it keeps that place."""
         with self._change:
             moving = not self.arrived
             self._targets.clear()
@@ -97,7 +97,7 @@ class RodMotion:
             self._change.notify_all()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the arrival at the last target; tell whether it came."""
+        """Wait for the arrival at the last target; return whether it came."""
         with self._change:
             self._change.wait_for(lambda: self.arrived or self.holding, timeout_s)
         return self.arrived

@@ -1,1 +1,1 @@
-"""What stops the rig, whoever fails."""
+"""What stops the rig, whichever part fails."""

@@ -65,7 +65,7 @@ class LinkCheck:
         return next(iter(self._contradictions.values()), "")
 
     def result(self, direction: Direction) -> str:
-        """Return in words what is known of an axis."""
+        """Return what is known of an axis, as a text."""
         followed = self._followed.get(direction)
         way_mm = followed.way_m * 1e3 if followed else 0.0
         enough = "" if self.verified_ns(direction) else f", {FOLLOWED_M * 1e3:g} mm are needed"

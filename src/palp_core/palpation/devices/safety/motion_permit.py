@@ -23,19 +23,14 @@ class MotionPermit:
         self._sent_ns, self._permits = sent_ns, permits
 
     @property
-    def unheard_words(self) -> str:
+    def lost_text(self) -> str:
         """What to say when it is not alive: the node's parameter ``beat_ms`` sets the limit."""
         return f"no heartbeat of the safety node, the limit is {self._longest_ns / 1e6:g} ms (beat_ms)"
 
-    @property
-    def heard(self) -> bool:
-        """Whether there ever was a beat."""
-        return self._sent_ns is not None
-
     def alive(self, now_ns: int) -> bool:
-        """Tell whether the last beat is fresh, whatever it says."""
+        """Return whether the last beat is fresh, whatever it says."""
         return self._sent_ns is not None and abs(now_ns - self._sent_ns) <= self._longest_ns
 
     def permits(self, now_ns: int) -> bool:
-        """Tell whether anything may move now."""
+        """Return whether anything may move now."""
         return self._permits and self.alive(now_ns)

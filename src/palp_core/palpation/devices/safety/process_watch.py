@@ -1,7 +1,7 @@
-"""Notice a process of the same graph that was stopped or killed: it does not work, and nobody may be told.
+"""Notice a process of the same graph that was stopped or killed: it does not work, and no message may say so.
 
-A process that ends is noticed by its parent, which tells the launcher, which ends the graph and brings the
-stage to rest; on a busy host that takes its time. One that is stopped by a signal is noticed by nobody for
+A process that ends is noticed by its parent, which informs the launcher, which ends the graph and brings the
+stage to rest; on a busy host that takes its time. One that is stopped by a signal is not noticed for
 seconds. All nodes of a graph on one host have one parent, and that is the launcher's child.
 """
 
@@ -45,7 +45,7 @@ class ProcessWatch:
         self._counts: deque[int] = deque(maxlen=_COUNTS)
 
     def refresh(self) -> int:
-        """Look for living siblings anew; return their number. It reads the whole process table."""
+        """Look for living siblings again; return their number. It reads the whole process table."""
         pids = [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
         living = {pid: seen for pid in pids if (seen := _look_once(pid)).letter not in _ENDED}
         guards = {pid: seen.parent for pid, seen in living.items() if seen.name == GUARD}
@@ -74,7 +74,7 @@ class ProcessWatch:
         return [pid for pid in known if self._letter(pid) in _STOPPED]
 
     def stopped_or_ended(self, *, moving: bool) -> dict[int, str]:
-        """Return who is stopped and, while something moves, who has ended, in words by process."""
+        """Return who is stopped and, while something moves, who has ended, as a text by process."""
         found = dict.fromkeys(self.stopped(), "is stopped")
         gone = [*self.ended(), *self._ended_elders()] if moving else []
         return {**found, **dict.fromkeys(gone, "has ended")}
@@ -101,7 +101,7 @@ class ProcessWatch:
 
 
 def _stat_of(pid: int) -> str:
-    """Return where the kernel tells of a process's first thread: adding up the others' times costs more."""
+    """Return the kernel's file of a process's first thread: adding up the others' times costs more."""
     return f"/proc/{pid}/task/{pid}/stat"
 
 

@@ -1,8 +1,8 @@
-"""The safety machine as a table: every state meets every event, and motion is permitted in two states only.
+"""The safety machine as a table: what each event does in each state; two states permit motion.
 
 A trip leads out of every state to ``stopping``; from there only the confirmed stop leads on, to ``latched``;
 from there only an acknowledgement leads on, to ``starting``, where nothing moves until everything that is
-watched has been heard again. A hypothesis state machine walks through it (``tests/palpation/devices``).
+watched has reported again. A hypothesis state machine walks through it (``tests/palpation/devices``).
 """
 
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from enum import StrEnum
 
 
 class SafetyState(StrEnum):
-    """Where the safety machine stands."""
+    """State of the safety machine."""
 
     STARTING = "starting"
     READY = "ready"
@@ -71,58 +71,23 @@ TABLE: Mapping[SafetyState, Mapping[Event, Row]] = {
     _S.STARTING: {
         _E.COMPLETE: (_S.READY, ()),
         _E.MOVES: (_S.STOPPING, _TRIP),
-        _E.RESTS: (_S.STARTING, ()),
         _E.TRIP: (_S.STOPPING, _TRIP),
-        _E.STOPPED: (_S.STARTING, ()),
-        _E.ACKNOWLEDGE: (_S.STARTING, ()),
-        _E.ACKNOWLEDGE_EARLY: (_S.STARTING, ()),
     },
-    _S.READY: {
-        _E.COMPLETE: (_S.READY, ()),
-        _E.MOVES: (_S.MOVING, ()),
-        _E.RESTS: (_S.READY, ()),
-        _E.TRIP: (_S.STOPPING, _TRIP),
-        _E.STOPPED: (_S.READY, ()),
-        _E.ACKNOWLEDGE: (_S.READY, ()),
-        _E.ACKNOWLEDGE_EARLY: (_S.READY, ()),
-    },
-    _S.MOVING: {
-        _E.COMPLETE: (_S.MOVING, ()),
-        _E.MOVES: (_S.MOVING, ()),
-        _E.RESTS: (_S.READY, ()),
-        _E.TRIP: (_S.STOPPING, _TRIP),
-        _E.STOPPED: (_S.MOVING, ()),
-        _E.ACKNOWLEDGE: (_S.MOVING, ()),
-        _E.ACKNOWLEDGE_EARLY: (_S.MOVING, ()),
-    },
-    _S.STOPPING: {
-        _E.COMPLETE: (_S.STOPPING, ()),
-        _E.MOVES: (_S.STOPPING, _STOP),
-        _E.RESTS: (_S.STOPPING, ()),
-        _E.TRIP: (_S.STOPPING, ()),
-        _E.STOPPED: (_S.LATCHED, ()),
-        _E.ACKNOWLEDGE: (_S.STOPPING, ()),
-        _E.ACKNOWLEDGE_EARLY: (_S.STOPPING, ()),
-    },
-    _S.LATCHED: {
-        _E.COMPLETE: (_S.LATCHED, ()),
-        _E.MOVES: (_S.STOPPING, _STOP),
-        _E.RESTS: (_S.LATCHED, ()),
-        _E.TRIP: (_S.LATCHED, ()),
-        _E.STOPPED: (_S.LATCHED, ()),
-        _E.ACKNOWLEDGE: (_S.STARTING, (Action.RELEASE,)),
-        _E.ACKNOWLEDGE_EARLY: (_S.LATCHED, ()),
-    },
+    _S.READY: {_E.MOVES: (_S.MOVING, ()), _E.TRIP: (_S.STOPPING, _TRIP)},
+    _S.MOVING: {_E.RESTS: (_S.READY, ()), _E.TRIP: (_S.STOPPING, _TRIP)},
+    _S.STOPPING: {_E.MOVES: (_S.STOPPING, _STOP), _E.STOPPED: (_S.LATCHED, ())},
+    _S.LATCHED: {_E.MOVES: (_S.STOPPING, _STOP), _E.ACKNOWLEDGE: (_S.STARTING, (Action.RELEASE,))},
 }
+"""What each event does in each state; an event that is not named leaves all as it is."""
 
 
 class SafetyMachine:
-    """Where the table stands, and why.
+    """The present state, and why.
 
     Attributes:
         state: Present state.
         cause: Cause of the trip; None if there is none.
-        text: The cause in words.
+        text: The cause as a text.
         acknowledged_count: How many trips were acknowledged.
     """
 
@@ -145,7 +110,7 @@ class SafetyMachine:
     def handle(self, event: Event, cause: Cause | None = None, text: str = "") -> tuple[Action, ...]:
         """Follow the table; return what to do."""
         before = self.tripped
-        self.state, actions = TABLE[self.state][event]
+        self.state, actions = TABLE[self.state].get(event, (self.state, ()))
         if self.tripped and not before:
             self.cause = cause or Cause.UNPERMITTED
             self.text = text or "something moved before it was permitted"

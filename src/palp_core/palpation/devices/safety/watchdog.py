@@ -12,7 +12,7 @@ _LINK = ("link lost", "stale", "garbled")
 
 
 class LimitViolation(NamedTuple):
-    """A limit that is passed: which, and the numbers in words."""
+    """A limit that is passed: which, and a text with the numbers."""
 
     cause: Cause
     text: str
@@ -22,7 +22,7 @@ class LimitViolation(NamedTuple):
 class WatchLimits:
     """Limits of the watch. The window and the speed stand for the scene and the stage; the rest is assumed.
 
-    What is said of a limit that is passed names the safety node's parameter that sets it, if one does.
+    The text of a limit that is passed names the safety node's parameter that sets it, if one does.
 
     Attributes:
         wrench: Loads at which to warn and to stop.
@@ -63,7 +63,7 @@ class WatchLimits:
 
 @dataclass(frozen=True)
 class WatchedLoad:
-    """The largest load since the last report, when the latest sample was taken, and when that was said."""
+    """The largest load since the last report, and when the latest sample was taken and reported."""
 
     sample_ns: int
     torque_n_m: float
@@ -90,9 +90,9 @@ class WatchedStage:
 
 
 class Watchdog:
-    """Keep the latest word of everything that is watched, and say what is wrong with it.
+    """Keep the latest report of everything that is watched, and find what is wrong with it.
 
-    ``arm`` forgets what was heard: after a release everything must be heard again before anything moves.
+    ``arm`` forgets all reports: after a release each must come again before anything moves.
     """
 
     def __init__(self, limits: WatchLimits) -> None:
@@ -101,14 +101,14 @@ class Watchdog:
         self.arm()
 
     def arm(self) -> None:
-        """Forget what was heard."""
+        """Forget all reports."""
         self._sample_ns = self._load_ns = self._stage_ns = self._ring_ns = 0
         self._run_ns = self._judges_ns = 0
         self._bring_up = self._hears_first = False
 
     @property
-    def heard_ns(self) -> dict[str, int]:
-        """When each that is watched was heard last, by what it is; 0: not yet."""
+    def reported_ns(self) -> dict[str, int]:
+        """When each that is watched reported last, by what it is; 0: not yet."""
         return {
             "sensor's node": self._load_ns,
             "torque samples": self._sample_ns,
@@ -131,14 +131,14 @@ class Watchdog:
             found.append(LimitViolation(Cause.SENSOR_FAULT, "a load is not a number"))
         elif limits.level((load.torque_n_m,), (load.force_n,)) is Level.STOP:
             torque = load.torque_n_m >= limits.stop_torque_n_m
-            said = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
+            text = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
             stop = (
                 f"{limits.stop_torque_n_m * 1e3:g} N mm (stop_n_mm)"
                 if torque
                 else f"{limits.stop_force_n:g} N (stop_n)"
             )
-            said += f", the limit is {stop}"
-            found.append(LimitViolation(Cause.TORQUE if torque else Cause.FORCE, said))
+            text += f", the limit is {stop}"
+            found.append(LimitViolation(Cause.TORQUE if torque else Cause.FORCE, text))
         if fresh:
             self.warning = self._warning(load)
         return found
@@ -156,12 +156,12 @@ class Watchdog:
                 found.append(LimitViolation(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
         if not stage.bring_up and not abs(stage.speed_m_per_s) <= self.limits.fastest_m_per_s:
             limit = f"the limit is {travel.speed_m_per_s * 1e3:g} mm/s (speed_m_s)"
-            said = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, {limit}"
-            found.append(LimitViolation(Cause.SPEED, said))
+            text = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, {limit}"
+            found.append(LimitViolation(Cause.SPEED, text))
         if stage.released and stage.condition not in (*_GOOD, "closed"):
             cause = Cause.LINK_LOST if stage.condition in _LINK else Cause.AXIS_FAULT
-            cause = Cause.HEARTBEAT if stage.condition == "unheard" else cause
-            found.append(LimitViolation(cause, _words("the stage says", stage.condition, stage.text)))
+            cause = Cause.HEARTBEAT if stage.condition == "no heartbeat" else cause
+            found.append(LimitViolation(cause, _joined("the stage says", stage.condition, stage.text)))
         return found
 
     def check_ring(
@@ -169,7 +169,7 @@ class Watchdog:
     ) -> list[LimitViolation]:
         """Take note of the ring's report; return what is wrong with it.
 
-        One that has not taken note of the last release says what was before it, and may be busy leaving it.
+        One that has not noted the last release reports what was before it, and may be busy leaving it.
         """
         if not released:
             return []
@@ -177,30 +177,30 @@ class Watchdog:
         if condition in (*_GOOD, "closed"):
             return []
         cause = Cause.LINK_LOST if condition in _LINK else Cause.RING_FAULT
-        return [LimitViolation(cause, _words("the ring's driver says", condition, text))]
+        return [LimitViolation(cause, _joined("the ring's driver says", condition, text))]
 
     def check_axis(self, axis: str, fault: str, following_m: float) -> list[LimitViolation]:
         """Judge what an axis says on the safety process's own link."""
         found = [LimitViolation(Cause.AXIS_FAULT, f"axis {axis}: {fault}")] if fault else []
         if not abs(following_m) <= self.limits.following_m:
-            said = f"axis {axis} is {following_m * 1e3:.2f} mm away from where it is sent"
-            said += f", the limit is {self.limits.following_m * 1e3:g} mm (following_mm)"
-            found.append(LimitViolation(Cause.FOLLOWING, said))
+            text = f"axis {axis} is {following_m * 1e3:.2f} mm away from where it is sent"
+            text += f", the limit is {self.limits.following_m * 1e3:g} mm (following_mm)"
+            found.append(LimitViolation(Cause.FOLLOWING, text))
         return found
 
     def check_itself(self, now_ns: int, period_s: float) -> list[LimitViolation] | None:
-        """Note that the watch runs; say whether it was kept from it, and None if it had better hear first.
+        """Note that the watch runs; return why it was kept from it, and None if its queue comes first.
 
-        A watch that comes late has not heard what waits in its queue: it judges two periods later, not now.
-        Being late itself for longer than a heartbeat is a reason of its own to stop, as nobody has watched
+        A watch that comes late has not read what waits in its queue: it judges two periods later, not now.
+        Being late itself for longer than a heartbeat is a reason of its own to stop, as nothing was watched
         meanwhile.
         """
         before_ns, self._run_ns = self._run_ns, now_ns
         late_s = (now_ns - before_ns) * 1e-9 - period_s if before_ns else 0.0
         if late_s > self.limits.beat_s:
-            said = f"the watch itself was kept from running for {late_s * 1e3:.0f} ms"
+            text = f"the watch itself was kept from running for {late_s * 1e3:.0f} ms"
             limit = f"the limit is {self.limits.beat_s * 1e3:g} ms (beat_ms)"
-            return [LimitViolation(Cause.LATE, f"{said}, {limit}")]
+            return [LimitViolation(Cause.LATE, f"{text}, {limit}")]
         if late_s > period_s and not self._hears_first:
             self._hears_first, self._judges_ns = True, now_ns + round(2e9 * period_s)
         if now_ns < self._judges_ns:
@@ -209,7 +209,7 @@ class Watchdog:
         return []
 
     def overdue(self, now_ns: int) -> list[LimitViolation]:
-        """Say what has not been heard of for too long; empty while motion may go on.
+        """Return what has not reported for too long; empty while motion may go on.
 
         A sensor that is silent while its node speaks is stale; a node that does not speak has lost its
         heartbeat, whatever its device does.
@@ -245,5 +245,5 @@ class Watchdog:
         return ""
 
 
-def _words(who: str, *said: str) -> str:
-    return ": ".join(part for part in (who, *said) if part)
+def _joined(*parts: str) -> str:
+    return ": ".join(part for part in parts if part)

@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples
+from palp_core.palpation.devices.sim import Simulated
 from palp_core.units import Float64Array
 
 _NS = 1e9
@@ -49,7 +49,7 @@ class SimEmgState(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class SimEmg:
+class SimEmg(Simulated):
     """Parameters of the muscles and of an amplifier like the Noraxon Desktop DTS.
 
     Attributes:
@@ -71,7 +71,6 @@ class SimEmg:
         smooth_s: Time constant of each of the two equal lags between level and envelope (assumed).
     """
 
-    LINK: ClassVar[str] = "none: simulated"
     state_type: ClassVar[type[SimEmgState]] = SimEmgState
 
     matrix: Sequence[Sequence[float]] | Float64Array  # kept as a tuple of rows
@@ -142,13 +141,6 @@ class SimEmg:
         if not state.started:
             state.start_ns = now_ns
             state.started = True
-
-    def close(self) -> None:
-        """Do nothing: there is no link."""
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        """Return that all is well."""
-        return HEALTHY
 
     def drain(self, now_ns: int, state: SimEmgState, rng: np.random.Generator) -> EmgSamples:
         """Return every sample since the last call up to and including ``now_ns``.

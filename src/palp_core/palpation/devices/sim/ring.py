@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import RingReading
+from palp_core.palpation.devices.sim import Simulated
 
 _NS = 1e9
 _NO_LOAD_M_PER_S = 6.5e-3  # L12-50-210-06: no-load speed of the maker's present data sheet
@@ -26,7 +26,7 @@ class SimRingState(msgspec.Struct):
         error_m: Where the ring lands minus its target: the last draw and the backlash, within the stops.
         start_ns: When the move starts.
         after_s: Times of the corners of the move after ``start_ns``.
-        nominal_m: Positions at the corners, by the actuator's own reckoning.
+        nominal_m: Positions at the corners, as the actuator itself takes them to be.
         true_m: Positions at the corners, in truth.
         settled_ns: When it is at rest.
     """
@@ -43,7 +43,7 @@ class SimRingState(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class SimRing:
+class SimRing(Simulated):
     """Parameters of an actuator like the Actuonix L12-50-210-06-I.
 
     Attributes:
@@ -62,8 +62,6 @@ class SimRing:
             servoed to the same potentiometer, whose reading agrees with the target wherever the ring is).
     """
 
-    LINK: ClassVar[str] = "none: simulated"
-    ADDRESS: ClassVar[str] = ""
     state_type: ClassVar[type[SimRingState]] = SimRingState
 
     speed_m_per_s: float = 5.0e-3
@@ -100,13 +98,6 @@ class SimRing:
             state.settled_ns = now_ns
             state.homed = True
 
-    def close(self) -> None:
-        """Do nothing: there is no link."""
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        """Return that all is well."""
-        return HEALTHY
-
     def command(self, target_m: float, now_ns: int, state: SimRingState, rng: np.random.Generator) -> int:
         """Go to ``target_m`` with a new landing error; the present target is no move and keeps its error."""
         self._refuse_unless_homed(state)
@@ -133,13 +124,6 @@ class SimRing:
             state.holding = True
             state.settled_ns = now_ns
 
-    def discover(self) -> dict[str, str]:
-        """Return nothing: there is no link."""
-        return {}
-
-    def acknowledge(self, now_ns: int, state: SimRingState) -> None:
-        """Do nothing: nothing trips it."""
-
     def read(self, now_ns: int, state: SimRingState) -> RingReading:
         """Return target, measured position and whether it rests at the target."""
         nominal_m, true_m = self._corners_now(now_ns, state)
@@ -151,7 +135,7 @@ class SimRing:
         return RingReading(state.target_m, measured_m, settled)
 
     def true_position_m(self, now_ns: int, state: SimRingState) -> float:
-        """Return where the ring is, which a real actuator does not tell, in m."""
+        """Return where the ring is, which a real actuator does not know, in m."""
         return self._corners_now(now_ns, state)[1]
 
     def _refuse_unless_homed(self, state: SimRingState) -> None:

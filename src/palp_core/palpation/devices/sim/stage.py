@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, StageReading, SweepTimes
+from palp_core.palpation.devices.sim import Simulated
 from palp_core.units import Float64Array
 
 _TOLERANCE_M = 1e-12  # rounding of a double, far below the resolution
@@ -48,7 +48,7 @@ _TRAVEL = TravelLimits(speed_m_per_s=_TOP_SPEED_M_PER_S)
 
 
 @dataclass(frozen=True)
-class SimStage:
+class SimStage(Simulated):
     """Parameters of a stage like the Aerotech ANT130.
 
     Attributes:
@@ -62,8 +62,6 @@ class SimStage:
         resolution_m: Step of the position (the paper: 1 nm); 0 for none.
     """
 
-    LINK: ClassVar[str] = "none: simulated"
-    ADDRESS: ClassVar[str] = ""
     state_type: ClassVar[type[SimStageState]] = SimStageState
     stop_link: ClassVar[None] = None
 
@@ -90,13 +88,6 @@ class SimStage:
             self._rest(state, 0.0, self.lift_m, now_ns)
             state.homed = True
 
-    def close(self) -> None:
-        """Do nothing: there is no link."""
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        """Return that all is well."""
-        return HEALTHY
-
     def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
         return from_m - math.copysign(self._run_up_m, to_m - from_m)
@@ -108,18 +99,7 @@ class SimStage:
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: SimStageState) -> SweepTimes:
         """Sweep from the present place, at constant speed all the way from ``from_m`` to ``to_m``."""
         y_m, z_m = self._resting_place(now_ns, state)
-        check_range("stage", "from_m", from_m, *self.limits.y_m)
-        check_range("stage", "to_m", to_m, *self.limits.y_m)
-        if from_m == to_m:
-            raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
-        sign = math.copysign(1.0, to_m - from_m)
-        start_m, end_m = from_m - sign * self._run_up_m, to_m + sign * self._run_up_m
-        check_range("stage", "sweep's run-out y_m", end_m, *self.limits.y_m)
-        if z_m > _TOLERANCE_M or sign * (y_m - start_m) > _TOLERANCE_M:
-            raise DeviceError(
-                f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
-                f" return_to(sweep_start(...)) = {start_m:g} m first"
-            )
+        end_m = self.limits.sweep_end(y_m, z_m, from_m, to_m, self._run_up_m, _TOLERANCE_M)
         profile = MotionProfile(y_m, end_m, self.sweep_speed_m_per_s, self.accel_m_per_s2, now_ns)
         times = SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns)
         self._follow(state, [(y_m, z_m), (end_m, z_m)], [self.sweep_speed_m_per_s], now_ns)
@@ -141,13 +121,6 @@ class SimStage:
         y_m, z_m = self._resting_place(now_ns, state)
         self._follow(state, [(y_m, z_m), (y_m, max(z_m, self.lift_m))], [speed_m_per_s], now_ns)
         return path_end_ns(state)
-
-    def discover(self) -> dict[str, str]:
-        """Return nothing: there is no link."""
-        return {}
-
-    def acknowledge(self, now_ns: int, state: SimStageState) -> None:
-        """Do nothing: nothing trips it."""
 
     def stop(self, now_ns: int, state: SimStageState) -> int:
         """Decelerate to rest along the present leg; return the time of rest in ns."""

@@ -25,7 +25,7 @@ class SimSubjectState(SimEmgState):
 
 @dataclass(frozen=True)
 class SimSubject(SimEmg):
-    """Parameters of the person beside those of the muscles.
+    """Parameters of the person, in addition to those of the muscles.
 
     Attributes:
         chains: Transition probabilities by the phantom's code; of another phantom those of ``matrix``.
@@ -44,7 +44,7 @@ class SimSubject(SimEmg):
                 raise DeviceError(f"emg: the chain of phantom '{code}' has shape {np.shape(chain)}")
 
     def cue(self, phase: str, phantom: str, state: SimSubjectState) -> None:
-        """Do something else from the next sample on; a palpation begins anew."""
+        """Do something else from the next sample on; a palpation begins from its start."""
         state.doing, state.phantom = phase, phantom
         state.level, state.left_count = -1, 0
 

@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import Int64Array, TorqueSamples
+from palp_core.palpation.devices.sim import Simulated
 from palp_core.palpation.nano17 import RANGE_N_M, RESOLUTION_N_M
 from palp_core.units import Float64Array
 
@@ -36,7 +36,7 @@ class SimTorqueState(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class SimTorque:
+class SimTorque(Simulated):
     """Parameters of a sensor like the ATI Nano17 SI-12-0.12, torque about x.
 
     A sample is round((gain true + bias + noise) / resolution) resolution, clipped to the range, minus the
@@ -50,10 +50,9 @@ class SimTorque:
         gain_error: Gain minus 1 at the start (0: calibrated).
         bias_drift_n_m_per_sqrt_s: Random walk of the bias (0: not known).
         gain_drift_per_sqrt_s: Random walk of the gain (0: not known).
-        rate_hz: Sampling rate of :meth:`drain`; :meth:`read` samples when it is told to.
+        rate_hz: Sampling rate of :meth:`drain`; :meth:`read` samples at the times it is given.
     """
 
-    LINK: ClassVar[str] = "none: simulated"
     state_type: ClassVar[type[SimTorqueState]] = SimTorqueState
 
     noise_sd_n_m: float = RESOLUTION_N_M
@@ -80,13 +79,6 @@ class SimTorque:
             state.bias_n_m, state.gain = self.bias_n_m, 1.0 + self.gain_error
             state.last_ns = now_ns
             state.started = True
-
-    def close(self) -> None:
-        """Do nothing: there is no link."""
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        """Return that all is well."""
-        return HEALTHY
 
     def drain(self, now_ns: int, state: SimTorqueState, rng: np.random.Generator) -> TorqueSamples:
         """Return the samples of the unloaded sensor since the last one, up to and including ``now_ns``."""

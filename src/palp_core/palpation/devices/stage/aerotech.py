@@ -163,18 +163,8 @@ class AerotechStage:
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: AerotechState) -> SweepTimes:
         """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``."""
         motion, y_m, z_m = self._resting(now_ns, state)
-        check_range("stage", "from_m", from_m, *self.limits.y_m)
-        check_range("stage", "to_m", to_m, *self.limits.y_m)
-        if from_m == to_m:
-            raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
-        sign = math.copysign(1.0, to_m - from_m)
-        speed, run_up_m = self.sweep_speed_m_per_s, self._run_up_m()
-        start_m, end_m = from_m - sign * run_up_m, to_m + sign * run_up_m
-        if z_m > _PLACE_M or sign * (y_m - start_m) > _PLACE_M:
-            raise DeviceError(
-                f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
-                f" return_to(sweep_start(...)) = {start_m:g} m first"
-            )
+        speed = self.sweep_speed_m_per_s
+        end_m = self.limits.sweep_end(y_m, z_m, from_m, to_m, self._run_up_m(), _PLACE_M)
         leg = self._leg("y", y_m, end_m, speed)
         started_ns = self._follow(motion, [leg])
         if self.segment_m > 0.0:  # it stops and goes: only its ends are predicted

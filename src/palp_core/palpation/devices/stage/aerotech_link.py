@@ -59,7 +59,7 @@ class AerotechLink:
         self._link.close()
 
     def guard(self, axes: tuple[str, str]) -> bool:
-        """Have the axes aborted, then disabled, should this process die; tell whether the link allows it."""
+        """Have the axes aborted, then disabled, should this process die; return whether that can be."""
         abort = wire.each("ABORT", axes)
         words = [*((after_s, abort) for after_s in _ABORTS_S), (_DISABLE_S, wire.each("DISABLE", axes))]
         if guarded := self._link.guard(words):
@@ -113,7 +113,7 @@ class AerotechLink:
         """Send at once, past a question that is under way; its answer, and this one's, are not waited for."""
         self._in_step = False
         self._link.write(commands)
-        self._in_step = False  # whoever got back in step before the bytes left is out of it now
+        self._in_step = False  # a caller that got back in step before the bytes left is out of it now
 
     def _exchange(self, sent: bytes, at_least_s: float = 0.0, *, has_value: bool) -> bytes:
         if not self._in_step:

@@ -42,7 +42,7 @@ class Leg:
 def in_segments(legs: Iterable[Leg], longest_m: float) -> list[Leg]:
     """Return legs in parts of at most ``longest_m`` (0: whole), each of which ends at rest.
 
-    Whoever commands them may die: the stage then rests at the end of a part.
+    The process that commands them may die: the stage then rests at the end of a part.
     """
     parts: list[Leg] = []
     for leg in legs:
@@ -92,14 +92,14 @@ class ControllerAxes:
         self.enable()
 
     def homed(self) -> bool:
-        """Tell whether every axis knows where it is."""
+        """Return whether every axis knows where it is."""
         return all(self.status(axis) & wire.AxisStatus.HOMED for axis in self.names)
 
     def home(self, timeout_s: float, period_s: float) -> None:
         """Home the lifting axis, then the sweeping one.
 
         Of all motion only this ends when the controller alone decides. Whatever ends it early also stops it,
-        as nobody would watch it then.
+        as it would go on unwatched.
         """
         try:
             for axis in self.names[::-1]:
@@ -122,7 +122,7 @@ class ControllerAxes:
         return wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
 
     def moving(self) -> bool:
-        """Tell whether an axis moves."""
+        """Return whether an axis moves."""
         return any(self.status(axis) & wire.AxisStatus.MOVING for axis in self.names)
 
     def poll_positions(self, history: PositionHistory) -> None:
@@ -232,7 +232,7 @@ class Motion:
         self._axes.abort()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end of all legs; abort them if it does not come; tell whether it came, in health."""
+        """Wait for the end of all legs; abort them if it does not come; return whether it came, in health."""
         with self._change:
             done = self._change.wait_for(lambda: not self.busy, timeout_s)
         if not done:
@@ -379,5 +379,5 @@ def axis_in_words(link: AerotechLink, axis: str) -> str:
         )
         words.append(f"soft limits {low:g} to {high:g} mm")
     except CommandRefused:
-        words.append("does not tell its soft limits")
+        words.append("does not report its soft limits")
     return ", ".join(words)

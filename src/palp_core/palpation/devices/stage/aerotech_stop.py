@@ -10,15 +10,15 @@ from palp_core.palpation.devices.protocols import AxisReport, StopTimes
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
-_KEPT = 100  # reports that nobody has asked for yet
+_KEPT = 100  # reports that were not fetched yet
 
 
 class AerotechStop:
     """Abort and disable, and nothing that moves.
 
     Every command is written past whatever the link was waiting for. The controller closes an idle TCP
-    connection, and a lost link must be noticed: a thread asks about one axis after another, so that whoever
-    decides waits for no answer and an ABORT leaves at once. :meth:`reports` says what it has heard.
+    connection, and a lost link must be noticed: a thread asks about one axis after another, so that the
+    caller waits for no answer and an ABORT leaves at once. :meth:`reports` returns what was answered.
     """
 
     def __init__(
@@ -45,8 +45,8 @@ class AerotechStop:
             raise
         self._abort = wire.each("ABORT", axes)
         self._disable = wire.each("DISABLE", axes)
-        self._heard: list[AxisReport | DeviceError] = []
-        self._hearing, self._closing = threading.Lock(), threading.Event()
+        self._answers: list[AxisReport | DeviceError] = []
+        self._reading, self._closing = threading.Lock(), threading.Event()
         self._poller: threading.Thread | None = None
         if look_hz > 0.0:
             self._poller = threading.Thread(
@@ -64,15 +64,15 @@ class AerotechStop:
         return [self._report(number) for number in range(len(self._axes))]
 
     def reports(self) -> list[AxisReport]:
-        """Return what the thread has heard since the last call, without waiting."""
-        with self._hearing:
-            heard, self._heard = self._heard, []
+        """Return what the axes have answered since the last call, without waiting."""
+        with self._reading:
+            answers, self._answers = self._answers, []
         if self._poller is not None and not self._poller.is_alive():
-            raise DeviceError("aerotech: nobody looks at the axes any more; connect anew")
-        for item in heard:
+            raise DeviceError("aerotech: the axes are not watched any more; connect again")
+        for item in answers:
             if isinstance(item, DeviceError):
                 raise item
-        return [item for item in heard if isinstance(item, AxisReport)]
+        return [item for item in answers if isinstance(item, AxisReport)]
 
     def poll_next(self) -> AxisReport:
         """Return what one axis says, each in its turn: less of a wait than :meth:`poll`; errors as there."""
@@ -117,16 +117,16 @@ class AerotechStop:
     def _keep_polling(self, period_s: float) -> None:
         """Ask about one axis after another until the link is closed."""
         while not self._closing.wait(period_s):
-            heard: AxisReport | DeviceError
+            answer: AxisReport | DeviceError
             try:
                 self._link.require_guard()
-                heard = self.poll_next()
+                answer = self.poll_next()
             except DeviceError as error:
-                heard = error
+                answer = error
             except Exception as error:  # noqa: BLE001 - or the watch would end unnoticed
-                heard = DeviceError(f"aerotech: {type(error).__name__} when asked about an axis: {error}")
-            with self._hearing:
-                self._heard = [*self._heard[-_KEPT:], heard]
+                answer = DeviceError(f"aerotech: {type(error).__name__} when asked about an axis: {error}")
+            with self._reading:
+                self._answers = [*self._answers[-_KEPT:], answer]
 
     def _report(self, number: int) -> AxisReport:
         axis, asked_ns = self._axes[number], self._clock()
@@ -148,7 +148,7 @@ class AerotechStop:
         return wire.place_m(controller_mm, self._origin_m[number], self._sign[number])
 
     def _moves(self) -> bool:
-        """Tell whether an axis is known to move; no answer is no reason to wait."""
+        """Return whether an axis is known to move; no answer is no reason to wait."""
         try:
             return any(self._link.bits(f"AXISSTATUS({axis})") & wire.AxisStatus.MOVING for axis in self._axes)
         except DeviceError:

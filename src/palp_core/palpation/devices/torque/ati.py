@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from operator import mul
 from typing import Any, ClassVar
 
+import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
@@ -13,7 +14,7 @@ from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.session_thread import SessionThread
-from palp_core.palpation.devices.protocols import EXACT, TorqueSamples
+from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque.ati_session import (
     LOST_S,
     SET_UP_S,
@@ -22,13 +23,25 @@ from palp_core.palpation.devices.torque.ati_session import (
     SensorCalibration,
     open_bus,
 )
-from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import Float64Array
 
 _NONE = TorqueSamples(np.empty(0, dtype=np.int64), np.empty(0), 0)
+_COLUMNS = {"x": 3, "y": 4, "z": 5}
+
+
+class AtiState(msgspec.Struct):
+    """What outlives the driver; the caller keeps it with the data.
+
+    Attributes:
+        bias: What is subtracted, forces in N and torques in N m.
+        sample_count: Samples numbered so far.
+    """
+
+    bias: list[float] = msgspec.field(default_factory=lambda: [0.0] * 6)
+    sample_count: int = 0
 
 
 @dataclass
@@ -63,7 +76,7 @@ class AtiTorque:
     }
 
     LINK: ClassVar[str] = "ATI NETCANOEM: CAN, any interface of python-can"
-    state_type: ClassVar[type[WrenchState]] = WrenchState
+    state_type: ClassVar[type[AtiState]] = AtiState
 
     channel: str | int = "can0"
     interface: str = "socketcan"
@@ -90,7 +103,8 @@ class AtiTorque:
         check_range("ati", "timeout_s", self.timeout_s, 1e-3, 60.0)
         check_range("ati", "lost_s", self.lost_s, LOST_S, 60.0)
         check_range("ati", "range_n_m", self.range_n_m, 1e-9, 1e3)
-        check_axis(self.axis, self.sign)
+        if self.axis not in _COLUMNS or self.sign not in (1, -1):
+            raise DeviceError(f"torque: axis '{self.axis}', sign {self.sign}; give x, y or z, and +1 or -1")
         self._host = HostTime()
         self._monitor = HealthMonitor(self.stale_s)
         self._samples: deque[RawSample] = deque()
@@ -98,7 +112,7 @@ class AtiTorque:
         self._session: AtiSession | None = None
         self._first = 0
 
-    def open(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> None:
+    def open(self, now_ns: int, state: AtiState, rng: np.random.Generator) -> None:
         """Connect, choose and read the calibration, and begin to poll."""
         self._receiver.refuse_if_running()
         self._host.observe(now_ns)
@@ -117,41 +131,51 @@ class AtiTorque:
 
     @property
     def sensor(self) -> SensorCalibration:
-        """What the sensor said of itself when it was connected last."""
+        """What the sensor reported of itself when it was connected last."""
         if self._session is None:
             raise DeviceError("ati: not open; open it first")
         return self._session.calibration
 
-    def drain(self, now_ns: int, state: WrenchState, rng: np.random.Generator) -> TorqueSamples:
-        """Return every sample received since the last call."""
+    def drain(self, now_ns: int, state: AtiState, rng: np.random.Generator) -> TorqueSamples:
+        """Return every sample received since the last call; a torque out of range is clipped to it.
+
+        Of the one or two samples of a millisecond plain numbers take a tenth of what arrays take.
+        """
         self._host.observe(now_ns)
-        per_count = self.sensor.per_count_rows
+        per_count, column, most = self.sensor.per_count_rows, _COLUMNS[self.axis], self.range_n_m
         raw = [self._samples.popleft() for _ in range(len(self._samples))]
         if not raw:
             return _NONE
-        wrench = [[sum(map(mul, row, values)) for row in per_count] for *_, values in raw]
-        saturated = [wire.is_saturated(values) for *_, values in raw]
-        faulty = [wire.is_bad(status) for *_, status, _ in raw]
-        times_ns = np.array([r[0] for r in raw], dtype=np.int64)
-        index = np.array([r[1] for r in raw], dtype=np.int64)
-        gap = np.array([r[2] for r in raw], dtype=np.bool_)
-        return torque_block(
-            self.axis,
-            self.sign,
-            self.range_n_m,
-            state,
-            times_ns,
-            index,
-            gap,
-            wrench,
-            saturated,
-            faulty,
-            EXACT,
+        wrench, torque_n_m, faulty, saturated_count = [], [], [], 0
+        for *_, status, values in raw:
+            loads = [
+                sum(map(mul, row, values)) - bias for row, bias in zip(per_count, state.bias, strict=True)
+            ]
+            torque, saturated = self.sign * loads[column], wire.is_saturated(values)
+            saturated_count += saturated
+            wrench.append(loads)
+            torque_n_m.append(min(max(torque, -most), most) if saturated else torque)
+            faulty.append(saturated or wire.is_bad(status))
+        state.sample_count = raw[-1][1] + 1
+        return TorqueSamples(
+            np.array([sample[0] for sample in raw], np.int64),
+            np.array(torque_n_m, np.float64),
+            saturated_count,
+            np.array([sample[1] for sample in raw], np.int64),
+            np.array([sample[2] for sample in raw], np.bool_),
+            np.array(faulty, np.bool_),
+            np.array(wrench, np.float64),
         )
 
-    def tare(self, block: TorqueSamples, state: WrenchState) -> Float64Array:
+    def tare(self, block: TorqueSamples, state: AtiState) -> Float64Array:
         """Make the mean of ``block``, read unloaded, the new zero of forces and torques; return it."""
-        return bias_from(block, state)
+        if not len(block.wrench) or bool(np.any(block.faulty)):
+            raise DeviceError(
+                "torque: cannot tare from an empty or faulty block; unload the probe and read again"
+            )
+        bias: Float64Array = np.array(state.bias) + block.wrench.mean(axis=0)
+        state.bias = bias.tolist()
+        return bias
 
     def _connect(self) -> AtiSession:
         before, first = self._session, self._first

@@ -31,7 +31,7 @@ _MOST_LATE = 1_000  # frames that wait after an outage
 
 
 class SensorCalibration:
-    """What the sensor says of itself.
+    """What the sensor reports of itself.
 
     Attributes:
         per_count: Forces in N and torques in N m per count of each gauge, shape (6, 6).
@@ -126,13 +126,13 @@ class AtiSession:
 
     def _settle(self, stop: threading.Event) -> None:
         """Throw away what was asked for and comes late, until nothing is owed or the bus is quiet."""
-        heard = False
+        received = False
         while self._owed and not stop.is_set():
             if self._pair(_QUIET_S if self._missed == 1 else self._lost_s, stop) is not None:
-                self._owed, heard = self._owed - 1, True
+                self._owed, received = self._owed - 1, True
             elif self._missed == 1:
                 return
-            elif heard:
+            elif received:
                 self._owed = 0
             elif not stop.is_set():
                 raise DeviceTimeout(

@@ -136,4 +136,4 @@ def _expect(connection: socket.socket, expected: bytes, greeting_s: float) -> No
             break
         answer += byte
     if answer != expected:
-        raise ValueError(f"the server said {answer[:20]!r}, not {expected!r}")
+        raise ValueError(f"the server sent {answer[:20]!r}, not {expected!r}")

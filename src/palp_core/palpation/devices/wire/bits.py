@@ -1,4 +1,4 @@
-"""Status words of devices: their bits in a person's words."""
+"""Status words of devices: their bits in plain English."""
 
 from enum import IntFlag
 
@@ -8,6 +8,6 @@ class Bits(IntFlag):
 
     @property
     def words(self) -> str:
-        """The set bits in words; one without a name by its number."""
+        """Names of the set bits; one without a name by its number."""
         known = {bit.value: bit.name.lower().replace("_", " ") for bit in self if bit.name}
         return ", ".join(known.get(1 << k, f"bit {k}") for k in range(32) if self & 1 << k) or "none"

@@ -59,12 +59,12 @@ _BAD = int(CRITICAL | SensorStatus.ANY_ERROR)
 
 
 def is_bad(status: int) -> bool:
-    """Tell whether a status word says that its data must not be used."""
+    """Return whether a status word says that its data must not be used."""
     return status & _BAD != 0
 
 
 def is_saturated(values: tuple[int, ...]) -> bool:
-    """Tell whether any gauge is at the end of its range."""
+    """Return whether any gauge is at the end of its range."""
     return SATURATED[0] in values or SATURATED[1] in values
 
 

@@ -10,7 +10,7 @@ import dataclasses
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping, read_scene
+from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping
 from palp_core.palpation.mechanics.scene.sealed import is_sealed
 
 PAPER_PHANTOMS = {
@@ -47,15 +47,3 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
     if not path:
         return three
     return {f"{code}{n}": one for code, one in three.items() for n in range(1, CAST_COUNT + 1)}
-
-
-def file_mistakes(params: object) -> dict[str, str]:
-    """Return what is wrong with the files that parameters ``scene`` and ``phantoms`` name, by parameter."""
-    found: dict[str, str] = {}
-    for name, read in (("scene", read_scene), ("phantoms", load_phantoms)):
-        if path := getattr(params, name, ""):
-            try:
-                read(path)
-            except MechanicsError as error:
-                found[name] = str(error)
-    return found
