@@ -10,7 +10,7 @@ from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.graph.node.node import Mistakes
-from palp_core.methods import at_work
+from palp_core.methods import errors_name
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.joint import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
@@ -226,7 +226,7 @@ class Phantom(SimulatedPhantom):
     def _table(self, pose: StagePose) -> SweepTable | WorldTrace:
         if not self.state.code:
             raise ValueError("the probe sweeps but no phantom is mounted")
-        with at_work(self.rig.choices[self.state.code].method):
+        with errors_name(self.rig.choices[self.state.code].method):
             return self._solve() if self.world.plain else self._solve_in_world(pose)
 
     def _solve(self) -> SweepTable:

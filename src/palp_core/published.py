@@ -11,7 +11,7 @@ A package publishes in its ``pyproject.toml``; what it names is imported when it
     [project.entry-points."palp.studies"]         # name -> function of a folder, as palp's own studies
     grip = "softlab.grip:run"
 
-Methods (``palp.methods``, ``palp.measures``) and workspaces (``palp.workspaces``) have groups of their own.
+Tables of methods (``palp.methods``) and workspaces (``palp.workspaces``) have groups of their own.
 Nodes, messages, policies and pages of ``palp view`` are named where they are used: ``package.module:Name``.
 """
 

@@ -60,12 +60,6 @@ def test_a_person_reads_cost_and_error_of_each_method_and_below_its_mark() -> No
     assert "  l2: Hertz with the bonded layer's correction;" in result.output
 
 
-def test_every_method_has_a_plain_description() -> None:
-    for one in (one for one in listed() if one["module"].startswith("palp_core.")):
-        assert len(one["what"]) > 10, f"{one['task']}: {one['name']} has no docstring"
-        assert ":`" not in one["what"]
-
-
 SCENES = {"hard.yaml": "phantom: {poisson: 0.5}\n", "under.yaml": "ring_m: -0.004\n"}
 UNDER = "ring_m: -0.004 m makes the joint unstable; keep the ring at or over the pivot"
 

@@ -4,25 +4,33 @@ import os
 from collections.abc import Iterator
 from typing import Any
 
-from palp_core.methods import Bound, declare_task, method
+from palp_core.methods import Bound, Method, Task
 from palp_core.methods.measured import REFERENCE, Measured
 
-declare_task("toy", "How fast is a toy?", per="a toy", output="answer", tolerance=0.1)
+TASKS = [
+    Task(
+        name="toy",
+        question="How fast?",
+        per="a toy",
+        output="answer",
+        tolerance=0.1,
+        measure="toy_task:measure",
+    )
+]
 
 
-@method(task="toy", name="slow", cost_s=1.0, bounds=[Bound("answer", 0.01)], evidence="toy_task.py")
-def slow() -> None: ...
+def row(name: str, cost_s: float, *bounds: Bound, **more: str) -> Method:
+    place = f"toy_task:{name}"
+    return Method(
+        task="toy", name=name, place=place, cost_s=cost_s, bounds=bounds, evidence="toy_task.py", **more
+    )
 
 
-@method(task="toy", name="quick", cost_s=0.1, bounds=[Bound("answer", 0.05)], evidence="toy_task.py")
-def quick() -> None: ...
-
-
-@method(
-    task="toy", name="wrong", cost_s=0.01, evidence="toy_task.py", fails="always", survivor="quick",
-    reference="kept to show where it fails",
-)  # fmt: skip
-def wrong() -> None: ...
+METHODS = [
+    row("slow", 1.0, Bound("answer", 0.01)),
+    row("quick", 0.1, Bound("answer", 0.05)),
+    row("wrong", 0.01, fails="always", survivor="quick", reference="kept to show where it fails"),
+]
 
 
 def point(name: str, cost_s: float, error: float, **more: Any) -> Measured:

@@ -258,7 +258,7 @@ def test_what_nobody_vouches_for_is_not_chosen() -> None:
 def test_a_labs_own_methods_are_used_by_their_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "lab_methods.py").write_text(LAB, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
+    monkeypatch.setattr(register.register(), "methods", dict(register.register().methods))
     bench = Bench(Estimator, {"feature": "lab_methods:mean", "stop": "lab_methods:at_once"})
     train(bench)
     bench.feed(Estimator.trial, trial(500, "estimation"))
@@ -272,21 +272,24 @@ def test_a_labs_own_methods_are_used_by_their_module(tmp_path: Path, monkeypatch
 LAB = """
 from dataclasses import dataclass
 import numpy as np
-from palp_core.methods import method
+from palp_core.methods import Method
 from palp_core.palpation.perception.belief.stopping import StopRule, StopState
 from palp_core.palpation.perception.signal.features import Peak
 
-@method(task="feature", name="mean", cost_s=1e-6, evidence="the lab")
 def mean(torque_n_m, *, edge, around=None):
     return Peak(float(torque_n_m.mean()), 0)
 
-@method(task="stop", name="at_once", cost_s=1e-6, evidence="the lab")
 @dataclass(frozen=True)
 class AtOnce(StopRule):
     level: float = 0.5
 
     def check(self, step):
         return StopState(np.nan, np.asarray(True))
+
+METHODS = [
+    Method(task="feature", name="mean", place="lab_methods:mean", cost_s=1e-6, evidence="the lab"),
+    Method(task="stop", name="at_once", place="lab_methods:AtOnce", cost_s=1e-6, evidence="the lab"),
+]
 """
 
 

@@ -21,7 +21,7 @@ from nodes.policy_markov import Markov, MarkovParams
 from nodes.policy_uniform import Uniform, UniformParams
 from palp_core import Bench
 from palp_core.errors import GraphError, NodeError
-from palp_core.methods import Bound, method, register
+from palp_core.methods import Bound, Method, register
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import (
     FixedRing,
@@ -369,9 +369,9 @@ def test_it_follows_the_registers_choice_and_reports_it_as_chosen() -> None:
 
 
 def test_a_choice_that_cannot_be_made_of_its_defaults_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(register, "_REGISTER", dict(register._REGISTER))
-    method(
-        task="policy", name="needy", cost_s=1e-9, bounds=[Bound("decision", 0.01)], evidence="the lab",
-        fails="without a model",
-    )(lambda model: model)  # fmt: skip
+    needy = Method(
+        task="policy", name="needy", place="operator:neg", cost_s=1e-9, bounds=[Bound("decision", 0.01)],
+        evidence="the lab",
+    )  # fmt: skip
+    monkeypatch.setitem(register.register().methods, ("policy", "needy"), needy)
     assert "'needy', which has no default settings" in Auto.examine(AutoParams())[""]

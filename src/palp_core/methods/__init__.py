@@ -1,46 +1,45 @@
-"""Exchangeable methods: declared beside their code, listed by ``palp methods list``, chosen by one function.
+"""Exchangeable methods: rows of tables, listed by ``palp methods list``, chosen by one function.
 
-A contact rung, a root finder, a smoother, a stop rule, a policy, a codec is declared where it is written::
+What can be done in several ways is a task; each way is a row of a module that is named as an entry point of
+the group :data:`~palp_core.methods.register.GROUP`::
 
-    @method(
-        task="contact",
-        name="l2",
-        cost_s=0.05,
-        bounds=[Bound("peak", 0.01), Bound("contrast", 0.10, within={"depth_m": (0.0, 0.004)})],
-        evidence="tests/palpation/mechanics/contact/test_l2.py",
-        fails="contrast over a deep bead",
-        survivor="l4",
-    )
-    class LayeredHertz: ...
+    METHODS = [
+        Method(
+            task="stop",
+            name="patient",
+            place="softlab.rules:Patient",
+            cost_s=3e-6,
+            bounds=[Bound("decision", 0.03, within={"class_count": (2.0, 3.0)})],
+            evidence="tests/test_patient.py",
+            fails="easy trials",
+            survivor="posterior_threshold",
+        )
+    ]
 
-and :func:`choose` answers "what is the cheapest method that is good enough here?" and says why. Ranges are in
-the quantities of :mod:`palp_core.methods.quantities`; :func:`declare_quantity` adds your own. A package
-that brings methods of its own names the module that declares them as an entry point of the group
-:data:`~palp_core.methods.register.GROUP`; a name with a colon, ``package.module:name``, needs none.
+:func:`choose` answers "what is the cheapest method that is good enough here?" and says why. A table may bring
+tasks (``TASKS``) and quantities of its own (``QUANTITIES``). A name with a colon, ``package.module:name``,
+reads the table of that module, which needs no entry point.
 """
 
 from palp_core.methods.choice import Candidate, MethodChoice, choose, weigh
-from palp_core.methods.quantities import QUANTITIES, declare_quantity
 from palp_core.methods.register import (
     Bound,
     Method,
     Quantities,
     Range,
     Task,
-    at_work,
-    declare_task,
+    errors_name,
     find,
     left_out,
-    method,
     methods,
     names,
     outside,
+    quantities,
     task,
     tasks,
 )
 
 __all__ = [
-    "QUANTITIES",
     "Bound",
     "Candidate",
     "Method",
@@ -48,16 +47,14 @@ __all__ = [
     "Quantities",
     "Range",
     "Task",
-    "at_work",
     "choose",
-    "declare_quantity",
-    "declare_task",
+    "errors_name",
     "find",
     "left_out",
-    "method",
     "methods",
     "names",
     "outside",
+    "quantities",
     "task",
     "tasks",
     "weigh",

@@ -3,8 +3,15 @@
 from dataclasses import dataclass
 
 from palp_core.errors import MethodError
-from palp_core.methods.quantities import require_declared
-from palp_core.methods.register import Method, Quantities, find, in_words, left_out, methods
+from palp_core.methods.register import (
+    Method,
+    Quantities,
+    find,
+    left_out,
+    methods,
+    quantity_text,
+    register,
+)
 
 CHOSEN = "chosen"
 DEFAULT = "default (published)"
@@ -70,7 +77,7 @@ def choose(
 
     Raises:
         MethodError: None is accurate enough, the cheapest takes longer than the budget, none has the name
-            asked for, or the scene has a quantity that is not declared; the message has each one's state.
+            asked for, or the scene has a quantity that no table lists; the message has each one's state.
     """
     chosen = find(task, asked) if asked else None
     candidates = weigh(task, output, tolerance, scene, asked=asked, uses=uses)
@@ -84,10 +91,10 @@ def choose(
     wanted = f"'{output}' within {amount(tolerance, output)}"
     found = next((c for c in candidates if c.mark == CHOSEN), None)
     if found is None:
-        states = [*(f"{c.name} ({c.state})" for c in candidates), *left_out(task)]
+        states = [*(f"{c.name} ({c.state})" for c in candidates), *left_out()]
         raise MethodError(
             f"no {task} method gives {wanted} at {_where(task, output, scene) or 'this'}: "
-            f"{'; '.join(states) or 'none is declared'}; relax the tolerance or add a finer method"
+            f"{'; '.join(states) or 'there is none'}; relax the tolerance or add a finer method"
         )
     if budget_s is not None and found.cost_s > budget_s:
         affordable = [(c.bound, c.name) for c in candidates if c.bound is not None and c.cost_s <= budget_s]
@@ -102,7 +109,7 @@ def choose(
     why += f"(asked: {amount(tolerance, output)}), evidence {chosen.evidence}"
     if cheaper := [f"{c.name} ({c.state})" for c in candidates[: candidates.index(found)]]:
         why += f"; cheaper: {'; '.join(cheaper)}"
-    why += "".join(f"; left out: {words}" for words in left_out(task))
+    why += "".join(f"; left out: {why_not}" for why_not in left_out())
     return MethodChoice(chosen, found.bound, why, output, tolerance, candidates)
 
 
@@ -113,7 +120,7 @@ def weigh(
 
     Chosen is the one asked for, or the cheapest that is accurate enough, if any is.
     """
-    require_declared(scene, f"a scene for task '{task}'")
+    register().require_quantities(scene, f"a scene for task '{task}'")
     name = asked.rpartition(":")[2]
     found: list[Candidate] = []
     chosen = False
@@ -145,15 +152,15 @@ def _state(method: Method, output: str, tolerance: float, scene: Quantities) -> 
 
 
 def _where(task: str, output: str, scene: Quantities) -> str:
-    """Return the quantities of a scene by which a task's methods differ, in words."""
+    """Return the quantities of a scene by which a task's methods differ, as text."""
     named = set[str]()
     for method in methods(task):
         named.update(method.valid, *(bound.within for bound in method.bounds if bound.output == output))
-    return ", ".join(f"{name} = {in_words(scene[name])}" for name in sorted(named & scene.keys()))
+    return ", ".join(f"{name} = {quantity_text(scene[name])}" for name in sorted(named & scene.keys()))
 
 
 def amount(error: float, output: str) -> str:
-    """Return an error of an output in words: a time if the output is one (``age_s``), else in per cent."""
+    """Return an error of an output as text: a time if the output is one (``age_s``), else in per cent."""
     if output.endswith("_s"):
         return f"{error:.3g} s"
     return f"{error:.1%}" if error >= 1e-3 else f"{100.0 * error:.2g}%"

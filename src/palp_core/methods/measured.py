@@ -1,27 +1,21 @@
 """What methods cost and how wrong they are here and now: a function per task measures it.
 
-A package that declares methods may say how they are measured: an entry point of the group :data:`GROUP`,
-named as the task, whose value is ``module:function``. The function is called with the scene and yields each
-way as soon as it is measured, the cheap ones first, so that the caller may stop at any time.
+A task names it as :attr:`.Task.measure`. It is called with the scene and yields each way as soon as it is
+measured, the cheap ones first, so that the caller may stop at any time.
 """
 
-import itertools
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from statistics import median
 from typing import Any
 
 from palp_core.errors import MethodError, PalpError
 from palp_core.foreign import catch_foreign
-from palp_core.methods.register import names
-
-GROUP = "palp.measures"
-"""Entry points by task: the functions that measure its methods."""
+from palp_core.methods import register
 
 UNIT_S = 0.0067
 """CPU time of :func:`slowness`'s work on the machine where the declared costs were measured."""
@@ -65,27 +59,17 @@ Measure = Callable[[Any], Iterator[Measured]]
 
 def measured_tasks() -> list[str]:
     """Return the tasks that can be measured, by name."""
-    return sorted({point.name for point in entry_points(group=GROUP)})
+    return [one.name for one in register.tasks() if one.measure]
 
 
-def measures_of(task: str) -> tuple[list[Measure], list[str]]:
-    """Return the functions that measure a task's methods, and why others cannot be loaded."""
-    found, missing = list[Measure](), list[str]()
-    for point in entry_points(group=GROUP):
-        if point.name == task:
-            try:
-                found.append(point.load())
-            except Exception as error:  # noqa: BLE001 -- whatever a package raises as it is imported
-                of = f" of package '{point.dist.name}'" if point.dist else ""
-                kind = "" if isinstance(error, PalpError) else f"{type(error).__name__}: "
-                missing.append(
-                    f"what measures task '{task}', {point.value}{of}, cannot be loaded: {kind}{error}"
-                )
-    if not found:
+def measure_of(task: str) -> Measure:
+    """Return the function that measures a task's methods."""
+    place = register.task(task).measure
+    if not place:
         known = ", ".join(measured_tasks())
-        none = f"nothing measures the methods of task '{task}'; measured are {known}"
-        raise MethodError(missing[0] if missing else none)
-    return found, missing
+        raise MethodError(f"nothing measures the methods of task '{task}'; measured are {known}")
+    measure: Measure = register.load(place, f"what measures task '{task}'")
+    return measure
 
 
 class Survey:
@@ -93,13 +77,9 @@ class Survey:
 
     def __init__(self, tasks: Sequence[str], scene: object) -> None:
         self.missing: list[str] = []
+        self.failed = False
         self._found: dict[tuple[str, ...], Measured] = {}
-        self._running: dict[str, Iterator[Measured]] = {}
-        for task in tasks:
-            measures, missing = measures_of(task)
-            self._running[task] = itertools.chain.from_iterable(measure(scene) for measure in measures)
-            self.missing += missing
-        self.failed = bool(self.missing)
+        self._running = {task: measure_of(task)(scene) for task in tasks}
 
     @property
     def points(self) -> list[Measured]:
@@ -123,7 +103,7 @@ class Survey:
         self.missing += [f"{task}: time was up" for task in self._running]
 
     def _add(self, task: str, point: Measured) -> None:
-        if point.task != task or point.method not in names(task):
+        if point.task != task or point.method not in register.names(task):
             raise MethodError(
                 f"it measured '{point.method}' of task '{point.task}', which is not in the register"
             )

@@ -58,7 +58,7 @@ def list_methods(
 
     given = _scene(scene)
     found = _choices([one.name for one in ([task_of(task)] if task else tasks())], given)
-    for text in left_out(task):
+    for text in left_out():
         note(f"left out: {text}")
     if as_json:
         here = {"unit_s": UNIT_S, "slowness": slowness()}

@@ -23,11 +23,11 @@ from palp_core.palpation.mechanics import (
     choose_rung,
     sweep,
 )
-from palp_core.palpation.mechanics.contact.bounds import _ABOUT, _NEAR, _PAPER, _PUBLISHED
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.model import BesideBead
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
+from palp_core.palpation.method_table.mechanics import _ABOUT, _NEAR, _PAPER, _PUBLISHED
 
 STAGE_M = np.linspace(-0.03, 0.05, 81)
 RINGS_M = (0.0, 0.016)

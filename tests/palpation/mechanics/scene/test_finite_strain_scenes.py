@@ -26,10 +26,10 @@ from palp_core.palpation.mechanics import (
     rung_model,
     sweep,
 )
-from palp_core.palpation.mechanics.contact.bounds import PRESSED_MAX
 from palp_core.palpation.mechanics.scene.output import answer, answer_error, grid_m
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.mechanics.scene.scene import pressed_share
+from palp_core.palpation.method_table.mechanics import PRESSED_MAX
 
 TEXT = """\
 phantom: {bead: {depth_m: 0.004}}

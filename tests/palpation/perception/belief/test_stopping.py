@@ -10,8 +10,7 @@ from scipy.spatial.distance import correlation
 from nodes.estimator import Estimator, EstimatorParams
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.graph.node.params import describe_params
-from palp_core.methods import methods
-from palp_core.methods import register as registry
+from palp_core.methods import Method, methods, register
 from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.stopping import (
     BeliefStep,
@@ -166,20 +165,22 @@ def test_a_stop_value_that_is_no_number_is_refused(name: str, value: float) -> N
         stop_rule(name, value)
 
 
-def test_one_declared_class_is_all_that_a_new_rule_takes(request: pytest.FixtureRequest) -> None:
-    """Batches, the estimator's choices and a re-analysis know it by its declaration."""
-    request.addfinalizer(lambda: registry._REGISTER.pop(("stop", "after_doubt")))
+@dataclass(frozen=True)
+class AfterDoubt(StopRule):
+    largest: ClassVar[float] = 1.0
+    doubt: float = 0.5
 
-    @registry.method(task="stop", name="after_doubt", cost_s=1e-6, evidence="here", fails="always")
-    @dataclass(frozen=True)
-    class AfterDoubt(StopRule):
-        largest: ClassVar[float] = 1.0
-        doubt: float = 0.5
+    def check(self, step: BeliefStep) -> StopState:
+        sure = step.posterior.max(axis=-1) > 1.0 - self.doubt
+        return StopState(np.full(np.shape(sure), np.nan), np.asarray(sure))
 
-        def check(self, step: BeliefStep) -> StopState:
-            sure = step.posterior.max(axis=-1) > 1.0 - self.doubt
-            return StopState(np.full(np.shape(sure), np.nan), np.asarray(sure))
 
+def test_a_class_and_a_row_are_all_that_a_new_rule_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches, the estimator's choices and a re-analysis know it by its row."""
+    row = Method(
+        task="stop", name="after_doubt", place=f"{__name__}:AfterDoubt", cost_s=1e-6, evidence="here"
+    )
+    monkeypatch.setitem(register.register().methods, ("stop", "after_doubt"), row)
     assert "after_doubt" in describe_params(EstimatorParams)["stop"].choices
     assert Estimator.examine(EstimatorParams(stop="after_doubt")) == {}
     examined = Estimator.examine(EstimatorParams(stop="after_doubt", stop_value=2.0))

@@ -11,7 +11,7 @@ import pytest
 from msgspec import structs
 
 from palp_core.methods import Quantities, find, names
-from palp_core.methods.measured import measures_of
+from palp_core.methods.measured import measure_of
 from palp_core.palpation.mechanics import Scene, run_scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.stopping import stop_rule
@@ -315,7 +315,6 @@ def test_sweeps_have_the_truth_of_their_own() -> None:
 
 @pytest.mark.nightly
 def test_a_stop_rule_is_measured_in_seconds_on_the_rig_too() -> None:
-    ((measure,), _) = measures_of("stop")
-    seconds = {one.method: one.error for one in measure(Scene()) if one.output == "rig_s"}
+    seconds = {one.method: one.error for one in measure_of("stop")(Scene()) if one.output == "rig_s"}
     assert set(seconds) == set(names("stop"))
     assert seconds["fixed_number"] > seconds["paper"] > 8.0

@@ -88,13 +88,11 @@ def _digest(kind: str, inputs: Mapping[str, float | int | str]) -> str:
 def code() -> bytes:
     """Return a digest of this package's source: a changed model never reads an old result.
 
-    The ball's forms belong to it. Stated bounds do not count; they change no force.
+    The ball's forms belong to it.
     """
     total = hashlib.sha256()
     folder = Path(__file__).parent
     for path in (*sorted(folder.glob("*.py")), folder.parent / "tip.py"):
-        if path.stem == "bounds":
-            continue
         total.update(path.name.encode() + b"\0" + path.read_bytes())
     return total.digest()
 

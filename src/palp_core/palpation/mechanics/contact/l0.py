@@ -9,7 +9,6 @@ import scipy
 from numpy.typing import ArrayLike
 
 from palp_core.errors import MechanicsError
-from palp_core.methods import method
 from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.limits import finite_places, require
@@ -89,26 +88,6 @@ def fit_to(model: ContactModel, indentation_m: float = _NOMINAL_M) -> Bump:
     return fit_bump(s, d, model.force(s, d)[0])
 
 
-@method(
-    task="contact",
-    name="l0",
-    cost_s=0.0034,
-    bounds=[],
-    evidence="tests/palpation/mechanics/contact/test_l0.py: against what it was fitted to; "
-    "measured by palp methods measure --task contact",
-    valid={
-        "depth_m": (0.0015, 0.015),
-        "depth_per_tip": (0.25, 1e4),
-        "poisson": (0.45, 0.5),
-        "height_m": (0.015, 1.0),
-        "bead_radius_m": (0.003, 0.015),
-        "tip_radius_m": (0.003, 0.010),
-        "indentation_m": (0.0, 0.005),
-    },
-    fails="anywhere but at the working point it was fitted at",
-    reference="it replays forces that it was fitted to, measured ones of a phantom or another rung's",
-    survivor="l2",
-)
 @dataclass(frozen=True)
 class FittedBump:
     """The bump as a contact model: of a measured phantom if ``bump`` is given, else fitted to L2 at 4 mm.

@@ -8,8 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from palp_core.errors import MechanicsError, OutOfRange
-from palp_core.methods import method
-from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.tip import over_paraboloid
@@ -40,26 +38,6 @@ def layer_series(poisson: float) -> tuple[float, ...]:
     )
 
 
-@method(
-    task="contact",
-    name="l2",
-    cost_s=0.0041,
-    bounds=bounds.L2,
-    evidence="tests/palpation/mechanics/scene/test_picker.py: against L4 on random scenes; "
-    "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
-    valid={
-        "depth_m": (0.0015, 0.015),
-        "depth_per_tip": (0.25, 1e4),  # a thinner film over the bead is refused
-        "modulus_pa": (1e3, 1e6),
-        "poisson": (0.45, 0.5),
-        "height_m": (0.015, 1.0),
-        "bead_radius_m": (0.003, 0.015),
-        "tip_radius_m": (0.003, 0.010),
-        "indentation_m": (0.0, 0.005),
-    },
-    fails="beads and balls unlike the paper's, contrast over a deep bead, a soft gel under a light touch",
-    survivor="l4",
-)
 @dataclass(frozen=True)
 class LayeredHertz:
     """Hertz with the bonded layer's correction; over the bead a thinner layer on a floor that gives way.

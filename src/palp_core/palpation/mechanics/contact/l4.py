@@ -7,12 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from palp_core.methods import method
-from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
-from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
+from palp_core.palpation.mechanics.contact.model import require_range
 from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_places, require
@@ -25,18 +23,6 @@ _UNIT_M = 0.005  # radius of the contact on a half-space at which the cells have
 _LARGEST = 1.5  # cells over their nominal size
 
 
-@method(
-    task="contact",
-    name="l4",
-    cost_s=0.85,
-    bounds=bounds.L4,
-    evidence="tests/palpation/mechanics/scene/test_picker.py: against cells of 0.5 mm; "
-    "tests/palpation/mechanics/contact/test_l4.py; "
-    "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
-    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "indentation_m": (0.0, 0.006)},
-    fails="finite strain: an indentation that nears the gel over the bead",
-    survivor="l5",
-)
 @dataclass(frozen=True)
 class HarmonicContact:
     """Frictionless contact of a rigid ball with a bonded layer and a rigid bead that is free to move with it.

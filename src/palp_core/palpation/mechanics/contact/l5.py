@@ -9,12 +9,10 @@ import numpy as np
 import scipy
 
 from palp_core.errors import MechanicsError
-from palp_core.methods import method
-from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
-from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
+from palp_core.palpation.mechanics.contact.model import require_range
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -27,15 +25,6 @@ _FACETS = 16  # per radius of the ball, unless another length is asked for
 _SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4 solves
 
 
-@method(
-    task="contact",
-    name="l5",
-    cost_s=4.8,
-    bounds=bounds.L5,
-    evidence="tests/palpation/mechanics/contact/test_l5.py, test_l5_in_3d.py: against finite elements in 3D",
-    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "pressed_share": (0.0, bounds.PRESSED_MAX)},
-    fails="where the tip goes so deep that the gel's elements fold",
-)
 @dataclass(frozen=True)
 class FiniteStrainContact:
     """Frictionless contact of a ball with a neo-Hookean layer, over the centre of a rigid bead or bare gel.

@@ -7,6 +7,7 @@ import numpy as np
 
 from palp_core.palpation.mechanics.limits import require
 from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.method_table.mechanics import FEM_SCENES
 from palp_core.units import Float64Array
 
 
@@ -52,16 +53,6 @@ class ContactModel(Protocol):
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
         """Return the elastic energy U in J; arguments, shape and errors as for :meth:`force`."""
         ...
-
-
-FEM_SCENES = {
-    "depth_m": (0.0005, 0.015),
-    "poisson": (0.3, 0.4999),
-    "height_m": (0.015, 0.060),
-    "bead_radius_m": (0.002, 0.012),
-    "tip_radius_m": (0.002, 0.012),
-}
-"""The scenes that the finite-element rungs are stated for: inclusive range per quantity."""
 
 
 def require_range(phantom: Phantom, tip_radius_m: float) -> None:

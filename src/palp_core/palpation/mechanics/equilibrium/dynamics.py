@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palp_core.errors import MechanicsError, OutOfRange
-from palp_core.methods import Bound, declare_task, method
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.joint import joint_at
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
@@ -232,55 +231,3 @@ def simulate(
         slip_m_s,
         guards,
     )
-
-
-_RINGS = {"ring_m": (0.004, 0.020)}  # below, there may be no contrast to be relative to
-_GELS = {"modulus_pa": (5e3, 1e9)}  # softer, the gel hardly pulls, and inertia is a larger share
-
-declare_task(
-    "motion",
-    "Does the joint's inertia matter?",
-    per="a sweep of 4 s",
-    output="peak",
-    tolerance=0.02,
-)
-
-
-@method(
-    task="motion",
-    name="dynamic",
-    cost_s=1.9,
-    bounds=[
-        Bound("peak", 0.005, within={"speed_m_s": (0.0, 0.1)}),
-        Bound("peak", 0.015, within={"speed_m_s": (0.0, 0.5)}),
-        Bound("contrast", 0.01, within={"speed_m_s": (0.0, 0.02), **_RINGS}),
-        Bound("contrast", 0.024, within={"speed_m_s": (0.0, 0.1), **_RINGS}),
-        Bound("contrast", 0.1, within={"speed_m_s": (0.0, 0.5), **_RINGS}),
-    ],
-    evidence="tests/palpation/mechanics/equilibrium/test_dynamics.py: "
-    "step halved, the quasi-static limit, and SciPy's LSODA",
-    valid={"speed_m_s": (1e-4, 2.0)},
-    fails="seconds of CPU a sweep; the gel's own inertia is left out",
-)
-class Dynamic:
-    """The joint's inertia, stepped in time with implicit friction: :func:`simulate`."""
-
-
-@method(
-    task="motion",
-    name="quasi_static",
-    cost_s=0.003,
-    bounds=[
-        Bound("peak", 0.005, within={"speed_m_s": (0.0, 0.02), **_GELS}),
-        Bound("peak", 0.02, within={"speed_m_s": (0.0, 0.05), **_GELS}),
-        Bound("contrast", 0.02, within={"speed_m_s": (0.0, 0.02), **_GELS, **_RINGS}),
-        Bound("contrast", 0.08, within={"speed_m_s": (0.0, 0.05), **_GELS, **_RINGS}),
-    ],
-    evidence="tests/palpation/mechanics/equilibrium/test_dynamics.py: "
-    "peak and contrast against the dynamic joint",
-    valid={"speed_m_s": (0.0, 0.1)},
-    fails="the joint's inertia and the bead's pull at higher speeds; stick-slip",
-    survivor="dynamic",
-)
-class QuasiStatic:
-    """The joint at rest at every position, inertia left out: :func:`palp_core.palpation.mechanics.sweep`."""

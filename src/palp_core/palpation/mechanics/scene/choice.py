@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import palp_core.palpation.mechanics.contact
-import palp_core.palpation.mechanics.equilibrium.dynamics  # noqa: F401 -- declares, as the line above does
 from palp_core.errors import MethodError
 from palp_core.methods import MethodChoice, Quantities, choose, find
 from palp_core.palpation.mechanics.contact.model import BesideBead, ContactModel

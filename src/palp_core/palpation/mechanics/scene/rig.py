@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from palp_core.methods import MethodChoice, at_work
+from palp_core.methods import MethodChoice, errors_name
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -39,7 +39,7 @@ class Rig:
     def model(self, code: str) -> ContactModel:
         """Return a phantom's contact model, ready to use."""
         method, probe = self.choices[code].method, self.probe
-        with at_work(method):
+        with errors_name(method):
             return rung_model(method.name, self.phantoms[code], probe.tip_radius_m)
 
     def motion(self, speed_m_s: float) -> MethodChoice:

@@ -22,8 +22,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, declare_task, method
-from palp_core.palpation.perception.ranges import LANDS_M, on_rig
 from palp_core.units import Float64Array
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -189,47 +187,11 @@ def _at(model: OffsetModel, setting: Indices) -> tuple[Float64Array, Float64Arra
     )
 
 
-def _stays(error: float, ring_sd_m: float, height_sd_m: float) -> Bound:
-    """Return a bound on the calibration error of trials whose ring and height spread up to so much."""
-    return on_rig("calibration", error, ring_sd_m=ring_sd_m, height_sd_m=height_sd_m, training_count=10.0)
-
-
-declare_task(
-    "filter",
-    "What do readings of one trial that share an error tell together?",
-    per="a reading",
-    output="calibration",
-    tolerance=0.05,
-)
-
-
-@method(
-    task="filter",
-    name="latent",
-    cost_s=5.8e-5,
-    bounds=[_stays(0.035, LANDS_M, 0.1e-3)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="errors that are not small against the readings' curvature: slopes are straight lines",
-)
 def latent(model: OffsetModel) -> OffsetModel:
     """Return the model as it is: what stays is accounted for."""
     return model
 
 
-@method(
-    task="filter",
-    name="naive",
-    cost_s=4.5e-5,
-    bounds=[
-        _stays(0.018, 0.058e-3, 1e-6),
-        _stays(0.064, LANDS_M, 1e-6),
-        _stays(0.082, LANDS_M, 0.03e-3),
-        _stays(0.22, LANDS_M, 0.1e-3),
-    ],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="readings of a trial that share an error: it takes each for a new fact and becomes over-confident",
-    survivor="latent",
-)
 def naive(model: OffsetModel) -> OffsetModel:
     """Return the model of the same single readings that takes every reading for independent, eq. (7)."""
     spread = model.slope * model.offset_sd

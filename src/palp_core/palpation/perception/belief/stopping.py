@@ -5,8 +5,7 @@ That distance has cases without a value, and it cannot see a belief that doubles
 each case is named here.
 
 Arrays may have leading dimensions, one entry per trial: many trials are judged by the same lines as one. A
-rule is one class here, declared with :func:`palp_core.methods.method`; the estimator, ``palp
-analyse --stop`` and the studies find it by its name.
+rule is one class here, and a row of the register.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import declare_task, find, method
-from palp_core.palpation.perception.ranges import ENDLESS, on_rig
+from palp_core.methods import find
 from palp_core.units import Float64Array
 
 _FEWEST = 3  # classes; the correlation of two numbers is 1 or -1
@@ -140,25 +138,6 @@ def _dot(first: Float64Array, second: Float64Array) -> Float64Array:
     return np.asarray((first[..., None, :] @ second[..., :, None])[..., 0, 0])
 
 
-declare_task(
-    "stop",
-    "When is enough known to end a trial?",
-    per="a reading",
-    output="decision",
-    tolerance=0.05,
-)
-
-
-@method(
-    task="stop",
-    name="paper",
-    cost_s=2.4e-5,
-    bounds=[on_rig("decision", 0.135), on_rig("calibration", 0.05)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    valid={"class_count": (3.0, ENDLESS)},
-    fails="a belief that grows along one direction has distance 0 and stops early; two classes",
-    survivor="posterior_threshold",
-)
 @dataclass(frozen=True)
 class PaperVerbatim(StopRule):
     """Stop when the correlation distance is not above ``threshold``; an undefined distance does not stop."""
@@ -169,16 +148,6 @@ class PaperVerbatim(StopRule):
         return StopState(step.gamma, step.gamma <= self.threshold)
 
 
-@method(
-    task="stop",
-    name="paper_guarded",
-    cost_s=2.6e-5,
-    bounds=[on_rig("decision", 0.133), on_rig("calibration", 0.05)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    valid={"class_count": (3.0, ENDLESS)},
-    fails="probes that share an error agree with each other and stop it, however wrong; two classes",
-    survivor="posterior_threshold",
-)
 @dataclass(frozen=True)
 class PaperGuarded(StopRule):
     """As :class:`PaperVerbatim`, and the posterior must have settled too."""
@@ -191,18 +160,6 @@ class PaperGuarded(StopRule):
         return StopState(step.gamma, (step.gamma <= self.threshold) & still)
 
 
-@method(
-    task="stop",
-    name="posterior_threshold",
-    cost_s=3.5e-6,
-    bounds=[
-        on_rig("decision", 0.041, ring_from_m=0.16e-3),
-        on_rig("decision", 0.052),
-        on_rig("calibration", 0.05),
-    ],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="over-confident likelihoods pass any level at once",
-)
 @dataclass(frozen=True)
 class PosteriorThreshold(StopRule):
     """Stop when one class is probable enough."""
@@ -215,15 +172,6 @@ class PosteriorThreshold(StopRule):
         return _apart_from_gamma(step.posterior.max(axis=-1) >= self.level)
 
 
-@method(
-    task="stop",
-    name="fixed_number",
-    cost_s=3e-6,
-    bounds=[on_rig("decision", 0.055), on_rig("calibration", 0.021)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="easy trials take as many probes as hard ones",
-    survivor="posterior_threshold",
-)
 @dataclass(frozen=True)
 class FixedNumber(StopRule):
     """Stop after a number of probes."""

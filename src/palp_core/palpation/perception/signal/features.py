@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, declare_task, method
-from palp_core.palpation.perception.ranges import ABOUT, ENDLESS, LANDS_M, STEP_N_M, USUAL, Ranges
 from palp_core.units import Float64Array
 
 
@@ -38,48 +36,6 @@ def _search_range(sample_count: int, edge: int, around: tuple[int, int] | None) 
     return first, last
 
 
-_PAST_M = 0.026  # edge cone, reach and flank at 20 mm/s and 1 kHz: so far past the bead it goes at the least
-_SESSION: Ranges = {
-    "ring_sd_m": (0.0, LANDS_M),
-    "noise_n_m": (0.0, 5.0 * STEP_N_M),
-    "training_count": (25.0, ENDLESS),
-    "stiffest_m": (0.0159, 0.0161),
-}
-
-
-def _decided(error: float, touch: Ranges, height_sd_m: float) -> Bound:
-    return Bound("decision", error, {**touch, **_SESSION, "height_sd_m": (0.0, height_sd_m)})
-
-
-_OF_PEAK = [
-    _decided(0.005, ABOUT, 1e-6),
-    _decided(0.077, USUAL, 1e-4),
-    _decided(0.35, USUAL, 2e-4),
-    _decided(0.29, ABOUT, 1e-4),
-    _decided(0.62, ABOUT, 2e-4),
-]
-_OF_CONTRAST = [_decided(0.005, {**ABOUT, "margin_m": (_PAST_M, ENDLESS)}, 2e-4)]
-"""Share of wrong decisions from one reading at the stiffest ring."""
-
-
-declare_task(
-    "feature",
-    "Which number is read off a sweep?",
-    per="a sweep of 4000 samples",
-    output="decision",
-    tolerance=0.05,
-)
-
-
-@method(
-    task="feature",
-    name="peak",
-    cost_s=3e-6,
-    bounds=_OF_PEAK,
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a height error moves it by about one depth class; without a signal it is the noise's maximum",
-    survivor="contrast",
-)
 def peak(torque_n_m: Float64Array, *, edge: int, around: tuple[int, int] | None = None) -> Peak:
     """Return the maximum around the nodule.
 
@@ -97,14 +53,6 @@ def peak(torque_n_m: Float64Array, *, edge: int, around: tuple[int, int] | None 
     return Peak(float(torque_n_m[index]), index)
 
 
-@method(
-    task="feature",
-    name="contrast",
-    cost_s=2.3e-5,
-    bounds=_OF_CONTRAST,
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="flanks closer than the nodule is wide still carry it; far ones carry the phantom's rim",
-)
 def contrast(
     torque_n_m: Float64Array,
     *,

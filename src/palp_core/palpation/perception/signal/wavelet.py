@@ -1,7 +1,7 @@
 """De-noise a torque sweep with a discrete wavelet transform.
 
 The method's source names the wavelet (db10) and five levels but no rule for the coefficients, so the rule is
-a named choice. Both are declared in the register as task ``denoise``.
+a named choice: task ``denoise`` of the register.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import declare_task, find, method
-from palp_core.palpation.perception.ranges import by_noise
+from palp_core.methods import find
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
@@ -51,23 +50,6 @@ def edge_cone(level: int = 5, wavelet: str = "db10") -> int:
     return int((_wavelet(wavelet).dec_len - 1) * (2**level - 1))
 
 
-declare_task(
-    "denoise",
-    "What becomes of wavelet coefficients?",
-    per="a sweep of 4000 samples",
-    output="feature",
-    tolerance=0.05,
-)
-
-
-@method(
-    task="denoise",
-    name="soft_universal",
-    cost_s=1.4e-4,
-    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="noise that is not white: the finest level's median no longer measures the coarser levels' noise",
-)
 def soft_universal(coefficients: list[Float64Array]) -> list[Float64Array]:
     """Shrink every detail by sigma sqrt(2 ln n), n the number of coefficients (Donoho, 1995).
 
@@ -79,15 +61,6 @@ def soft_universal(coefficients: list[Float64Array]) -> list[Float64Array]:
     return [coefficients[0], *shrunk]
 
 
-@method(
-    task="denoise",
-    name="approximation",
-    cost_s=1.05e-4,
-    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="steps and edges overshoot; everything above rate / 2^(level + 1) is deleted, wanted or not",
-    survivor="soft_universal",
-)
 def approximation(coefficients: list[Float64Array]) -> list[Float64Array]:
     """Keep the approximation alone: a linear low-pass at rate / 2^(level + 1), 16 Hz at 1 kHz and level 5."""
     return [coefficients[0], *(np.zeros_like(detail) for detail in coefficients[1:])]

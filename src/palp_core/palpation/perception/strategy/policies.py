@@ -19,9 +19,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import declare_task, method
 from palp_core.palpation.perception.belief import latent
-from palp_core.palpation.perception.ranges import on_rig
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
@@ -88,24 +86,6 @@ def everywhere(level: int, trial_count: int | None) -> RingChoice:
     return RingChoice.at(np.full(() if trial_count is None else trial_count, level))
 
 
-declare_task(
-    "policy",
-    "How stiff is the joint for the next palpation?",
-    per="a palpation",
-    output="decision",
-    tolerance=0.05,
-)
-
-
-@method(
-    task="policy",
-    name="fixed",
-    cost_s=5e-8,
-    bounds=[on_rig("decision", 0.044)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="an error of the ring's position is shared by all probes of a trial and does not average out",
-    survivor="information_gain_latent",
-)
 @dataclass(frozen=True)
 class FixedRing:
     """Keep one ring position for the whole trial."""
@@ -124,15 +104,6 @@ class FixedRing:
         return at
 
 
-@method(
-    task="policy",
-    name="uniform",
-    cost_s=5.7e-6,
-    bounds=[on_rig("decision", 0.061)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="it spends as many probes on uninformative positions as on good ones",
-    survivor="information_gain_latent",
-)
 @dataclass(frozen=True)
 class UniformRings:
     """Draw every ring position with equal probability, whatever was felt."""
@@ -146,15 +117,6 @@ class UniformRings:
         return self.start(uniform)
 
 
-@method(
-    task="policy",
-    name="markov",
-    cost_s=2e-5,
-    bounds=[on_rig("decision", 0.148)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="the reading 'mean' freezes at the middle level; the matrices are a reconstruction unless learned",
-    survivor="information_gain_latent",
-)
 @dataclass(frozen=True, eq=False)
 class MarkovPolicy:
     """Follow a human's chain of co-contraction levels, eqs. (4) and (5).

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import method
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.information import expected_gains_bits
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import independent_model
-from palp_core.palpation.perception.ranges import on_rig
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import RingChoice, UniformDraw, everywhere
 from palp_core.units import Float64Array
@@ -43,15 +41,6 @@ class Timing:
         return 2.0 * (np.asarray(ring_m) + self.home_m) / self.ring_m_per_s + self.settle_s
 
 
-@method(
-    task="policy",
-    name="reposition",
-    cost_s=4.6e-6,
-    bounds=[on_rig("decision", 0.04)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="an error of the phantom's height, which re-positioning the ring does not touch; it costs seconds",
-    survivor="information_gain_latent",
-)
 @dataclass(frozen=True)
 class Reposition:
     """Keep one ring position but land on it anew before every probe, so that its error averages out."""
@@ -70,14 +59,6 @@ class Reposition:
         return RingChoice.at(at.level, renew=True)
 
 
-@method(
-    task="policy",
-    name="emg_driven",
-    cost_s=5.6e-6,
-    evidence="tests/palpation/perception/strategy/test_policies_informed.py",
-    fails="a person who rests: without a burst it stays where it began",
-    survivor="markov",
-)
 @dataclass(frozen=True)
 class EmgDriven:
     """Follow the co-contraction of a person who palpates at the same time."""
@@ -110,14 +91,6 @@ class Actions:
     seconds: Float64Array  # Duration of move and sweep, shape (..., k + 1)
 
 
-@method(
-    task="policy",
-    name="information_gain_latent",
-    cost_s=2.8e-4,
-    bounds=[on_rig("decision", 0.005)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="offsets that are not as its model says; it looks one probe ahead only",
-)
 @dataclass(frozen=True, eq=False)
 class InformationGainLatent:
     """Probe where the next reading tells most about the class, knowing which errors stay in the trial.
@@ -199,15 +172,6 @@ class InformationGainLatent:
         return expected_gains_bits(belief.posterior, means, sds, node_count=self.node_count)
 
 
-@method(
-    task="policy",
-    name="information_gain",
-    cost_s=1.3e-4,
-    bounds=[on_rig("decision", 0.053)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="readings of a trial that share an error: it returns to the position it is already over-sure of",
-    survivor="information_gain_latent",
-)
 def information_gain(primitives: Primitives) -> InformationGainLatent:
     """Return the policy that takes every reading for independent: plain information gain, one step ahead."""
     return InformationGainLatent(independent_model(primitives), tuple(primitives.rings_m.tolist()))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palp_core.methods import Bound, Range, declare_task, find, method
+from palp_core.methods import find
 from palp_core.palpation.perception.belief.rig_noise import on_depths
-from palp_core.palpation.perception.ranges import ABOUT, ENDLESS, LANDS_M, STEP_N_M, USUAL
 from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture, fit_texture
 from palp_core.palpation.perception.trace.training import TrainedTraces, sticking
@@ -50,71 +48,6 @@ class TraceKnowledge:
         )
 
 
-declare_task(
-    "trace_filter",
-    "What do torques along a sweep say of the class, with what stays accounted for?",
-    per="a sweep",
-    output="decision",
-    tolerance=0.02,  # what a rule that stops at 0.99 gets wrong by itself, and as much again
-)
-
-_USUAL_SD = {
-    "trace_height_sd_m": 2e-4,
-    "friction_sd": 0.1,
-    "modulus_sd": 0.1,
-    "place_sd_m": 1e-3,
-    "tip_sd_m": 1e-4,
-}
-
-
-def _within(touch: Mapping[str, Range], low: float, high: float, **other: Range) -> dict[str, Range]:
-    """Return where errors of one sweep were measured."""
-    return {
-        **touch,
-        **{name: (low * sd * 0.999, high * sd * 1.001) for name, sd in _USUAL_SD.items()},
-        "slope_error": (0.19, 0.21),
-        "texture_sd_n_m": (1.9e-4, 2.1e-4),
-        "bin_m": (0.0019, 0.0021),
-        "stiffest_m": (0.0159, 0.0161),
-        "ring_sd_m": (0.0, LANDS_M),
-        "noise_n_m": (0.0, STEP_N_M),
-        "training_count": (25.0, ENDLESS),
-        **other,
-    }
-
-
-_ABOUT = _within(
-    {**ABOUT, "indentation_m": (0.003, 0.0045), "class_ratio": (1.5, ENDLESS), "class_count": (2.0, 31.0)},
-    0.0,
-    1.0,
-    slope_error=(0.0, 0.3),
-    texture_sd_n_m=(0.5e-4, 4e-4),
-    noise_n_m=(0.0, 5.0 * STEP_N_M),
-    training_count=(2.0, ENDLESS),
-)
-_TRAINED = {**_ABOUT, "training_count": (6.0, ENDLESS)}  # of fewer palpations a cell beliefs are too sure
-_USUAL, _MUCH = _within(USUAL, 0.0, 1.0), _within(USUAL, 0.0, 2.0)
-_ONE_PHANTOM = _within(USUAL, 0.0, 1.5, training_count=(2.0, ENDLESS))
-# trials of other phantoms than the one of training differ from it by sqrt(2) times what phantoms scatter
-
-
-@method(
-    task="trace_filter",
-    name="second_order",
-    cost_s=2.6e-4,
-    bounds=[
-        Bound("decision", 0.0062, _USUAL),
-        Bound("calibration", 0.053, _USUAL),
-        Bound("decision", 0.0186, _ABOUT),
-        Bound("decision", 0.037, _ONE_PHANTOM),
-        Bound("calibration", 0.1, _TRAINED),
-        Bound("decision", 0.037, _MUCH),
-        Bound("calibration", 0.15, _MUCH),
-    ],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="answers that a parabola over two spreads of an offset does not follow, or two offsets at once; "
-    "trained on one phantom and asked about others, unless it is told half as much spread again",
-)
 def second_order(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     """Return a model in which squares of offsets are offsets of their own.
 

@@ -28,8 +28,8 @@ class MethodReporter(Node):
 
     def on_activate(self) -> None:
         uses = self.uses()
-        for words in dict.fromkeys(words for use in uses for words in left_out(use.task)):
-            self.log.warning("left out: %s", words)
+        for why in left_out() if uses else ():
+            self.log.warning("left out: %s", why)
         self.publish_methods(uses)
 
     def on_resume(self) -> None:

@@ -38,13 +38,14 @@ def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> Method
 
     One that the register does not know is named by its module, and states no error.
     """
-    declared = next((one.name for one in methods(task_name) if one.target is kind), "")
+    place = f"{kind.__module__}:{kind.__qualname__}"
+    declared = next((one.name for one in methods(task_name) if one.place == place), "")
     if declared:
         return used(task_name, declared, **known)
     asked_of = task(task_name)
     return MethodUse(
         task=task_name,
-        name=f"{kind.__module__}:{kind.__qualname__}",
+        name=place,
         asked=True,
         output=asked_of.output,
         tolerance=asked_of.tolerance,

@@ -1,4 +1,4 @@
-"""How wrong the contact models are: the largest error seen, plus about a third, box by box.
+"""Methods of the mechanics, and how wrong they are: the largest error seen, plus about a third, box by box.
 
 L2 is held against L4. Boxes of geometry nest: the published phantom itself, about it, near it, in its
 neighbourhood; and so do loads: the usual one, a wide one, any. L2's bead term was derived for a bead of the
@@ -27,10 +27,18 @@ the gel is at finite strain.
 
 from collections.abc import Mapping
 
-from palp_core.methods import Bound
+from palp_core.methods import Bound, Method, Range, Task
 
-_Range = tuple[float, float]
-_Box = Mapping[str, _Range]
+_Box = Mapping[str, Range]
+
+FEM_SCENES: _Box = {
+    "depth_m": (0.0005, 0.015),
+    "poisson": (0.3, 0.4999),
+    "height_m": (0.015, 0.060),
+    "bead_radius_m": (0.002, 0.012),
+    "tip_radius_m": (0.002, 0.012),
+}
+"""The scenes that the finite-element models are stated for."""
 
 PRESSED_MAX = 0.74
 """Of the ball's radius and of the gel over the bead: how deep L5 was seen to reach everywhere."""
@@ -38,7 +46,7 @@ PRESSED_MAX = 0.74
 _ENDLESS = 1e9
 
 
-def _geometry(bead_radius_m: _Range, tip_radius_m: _Range, height_m: _Range, poisson: _Range) -> _Box:
+def _geometry(bead_radius_m: Range, tip_radius_m: Range, height_m: Range, poisson: Range) -> _Box:
     return {
         "bead_radius_m": bead_radius_m,
         "tip_radius_m": tip_radius_m,
@@ -47,7 +55,7 @@ def _geometry(bead_radius_m: _Range, tip_radius_m: _Range, height_m: _Range, poi
     }
 
 
-def _load(modulus_pa: _Range, friction: _Range, indentation_m: _Range) -> _Box:
+def _load(modulus_pa: Range, friction: Range, indentation_m: Range) -> _Box:
     return {
         "modulus_pa": modulus_pa,
         "friction": friction,
@@ -69,7 +77,7 @@ _BESIDE, _OVER = (0.0, 0.002), (0.0, 0.0)
 _MARGIN = {"margin_m": (0.03, _ENDLESS)}
 
 
-def _box(output: str, error: float, geometry: _Box, load: _Box, depth_m: _Range, **more: _Range) -> Bound:
+def _box(output: str, error: float, geometry: _Box, load: _Box, depth_m: Range, **more: Range) -> Bound:
     return Bound(output, error, {**geometry, **load, "depth_m": depth_m, "beside_m": _BESIDE, **more})
 
 
@@ -78,7 +86,7 @@ def _peak(error: float, geometry: _Box, load: _Box, shallowest_m: float, yieldin
     return _box("peak", error, geometry, load, depth_m, ring_m=_ALL_RINGS, yielding=(yielding, _ENDLESS))
 
 
-def _contrast(error: float, geometry: _Box, load: _Box, depth_m: _Range, ring_m: _Range) -> Bound:
+def _contrast(error: float, geometry: _Box, load: _Box, depth_m: Range, ring_m: Range) -> Bound:
     load = {**load, **_MARGIN}
     return _box("contrast", error, geometry, load, depth_m, ring_m=ring_m, yielding=(0.5, _ENDLESS))
 
@@ -88,9 +96,7 @@ def _trace(error: float, geometry: _Box, shallowest_m: float) -> Bound:
     return _box("trace", error, geometry, _USUAL, depth_m, ring_m=_ALL_RINGS, yielding=yields)
 
 
-def _depths(
-    output: str, error: float, deepest_m: float, ring_m: _Range, ratio: float, yields: float
-) -> Bound:
+def _depths(output: str, error: float, deepest_m: float, ring_m: Range, ratio: float, yields: float) -> Bound:
     """Return a bound on telling depths apart, the published phantom and what is near it."""
     apart = {"depth_ratio": (ratio, _ENDLESS), "yielding": (yields, _ENDLESS), "beside_m": _OVER}
     return _box(output, error, _PAPER, _WIDE, (0.0015, deepest_m), ring_m=ring_m, **apart)
@@ -205,4 +211,122 @@ L5 = [
     _finite_contrast(0.020, _SHALLOW),
     _finite_contrast(0.057, _BEAD, 25e3),
     _finite_contrast(0.105, _BEAD),
+]
+
+_RINGS_FELT: _Box = {"ring_m": (0.004, 0.020)}  # below, there may be no contrast to be relative to
+_GELS: _Box = {"modulus_pa": (5e3, 1e9)}  # softer, the gel hardly pulls, and inertia is a larger share
+_HERTZ_SCENES: _Box = {
+    "depth_m": (0.0015, 0.015),
+    "depth_per_tip": (0.25, 1e4),  # a thinner film over the bead is refused
+    "poisson": (0.45, 0.5),
+    "height_m": (0.015, 1.0),
+    "bead_radius_m": (0.003, 0.015),
+    "tip_radius_m": (0.003, 0.010),
+    "indentation_m": (0.0, 0.005),
+}
+
+_MEASURES = "palp_core.palpation.studies.measures.mechanics"
+_CONTACT = "palp_core.palpation.mechanics.contact"
+_EQUILIBRIUM = "palp_core.palpation.mechanics.equilibrium"
+_TESTS = "tests/palpation/mechanics"
+
+TASKS = [
+    Task(
+        name="contact",
+        question="With what force does the gel answer a ball in it?",
+        per="set-up and a sweep of 3000 positions, nothing cached",
+        output="peak",
+        tolerance=0.02,
+        measure=f"{_MEASURES}:measure_contact",
+    ),
+    Task(
+        name="motion",
+        question="Does the joint's inertia matter?",
+        per="a sweep of 4 s",
+        output="peak",
+        tolerance=0.02,
+        measure=f"{_MEASURES}:measure_motion",
+    ),
+]
+
+METHODS = [
+    Method(
+        task="contact",
+        name="l0",
+        place=f"{_CONTACT}.l0:FittedBump",
+        cost_s=0.0034,
+        evidence=f"{_TESTS}/contact/test_l0.py: against what it was fitted to; "
+        "measured by palp methods measure --task contact",
+        valid=_HERTZ_SCENES,
+        fails="anywhere but at the working point it was fitted at",
+        reference="it replays forces that it was fitted to, measured ones of a phantom or another rung's",
+        survivor="l2",
+    ),
+    Method(
+        task="contact",
+        name="l2",
+        place=f"{_CONTACT}.l2:LayeredHertz",
+        cost_s=0.0041,
+        bounds=L2,
+        evidence=f"{_TESTS}/scene/test_picker.py: against L4 on random scenes; "
+        f"against finite strain: {_TESTS}/scene/test_finite_strain_scenes.py",
+        valid={**_HERTZ_SCENES, "modulus_pa": (1e3, 1e6)},
+        fails="beads and balls unlike the paper's, contrast over a deep bead, a soft gel under a light touch",
+        survivor="l4",
+    ),
+    Method(
+        task="contact",
+        name="l4",
+        place=f"{_CONTACT}.l4:HarmonicContact",
+        cost_s=0.85,
+        bounds=L4,
+        evidence=f"{_TESTS}/scene/test_picker.py: against cells of 0.5 mm; {_TESTS}/contact/test_l4.py; "
+        f"against finite strain: {_TESTS}/scene/test_finite_strain_scenes.py",
+        valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "indentation_m": (0.0, 0.006)},
+        fails="finite strain: an indentation that nears the gel over the bead",
+        survivor="l5",
+    ),
+    Method(
+        task="contact",
+        name="l5",
+        place=f"{_CONTACT}.l5:FiniteStrainContact",
+        cost_s=4.8,
+        bounds=L5,
+        evidence=f"{_TESTS}/contact/test_l5.py, test_l5_in_3d.py: against finite elements in 3D",
+        valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "pressed_share": (0.0, PRESSED_MAX)},
+        fails="where the tip goes so deep that the gel's elements fold",
+    ),
+    Method(
+        task="motion",
+        name="dynamic",
+        place=f"{_EQUILIBRIUM}.dynamics:simulate",
+        cost_s=1.9,
+        bounds=[
+            Bound("peak", 0.005, {"speed_m_s": (0.0, 0.1)}),
+            Bound("peak", 0.015, {"speed_m_s": (0.0, 0.5)}),
+            Bound("contrast", 0.01, {"speed_m_s": (0.0, 0.02), **_RINGS_FELT}),
+            Bound("contrast", 0.024, {"speed_m_s": (0.0, 0.1), **_RINGS_FELT}),
+            Bound("contrast", 0.1, {"speed_m_s": (0.0, 0.5), **_RINGS_FELT}),
+        ],
+        evidence=f"{_TESTS}/equilibrium/test_dynamics.py: "
+        "step halved, the quasi-static limit, and SciPy's LSODA",
+        valid={"speed_m_s": (1e-4, 2.0)},
+        fails="seconds of CPU a sweep; the gel's own inertia is left out",
+    ),
+    Method(
+        task="motion",
+        name="quasi_static",
+        place=f"{_EQUILIBRIUM}.sweep:sweep",
+        cost_s=0.003,
+        bounds=[
+            Bound("peak", 0.005, {"speed_m_s": (0.0, 0.02), **_GELS}),
+            Bound("peak", 0.02, {"speed_m_s": (0.0, 0.05), **_GELS}),
+            Bound("contrast", 0.02, {"speed_m_s": (0.0, 0.02), **_GELS, **_RINGS_FELT}),
+            Bound("contrast", 0.08, {"speed_m_s": (0.0, 0.05), **_GELS, **_RINGS_FELT}),
+        ],
+        evidence=f"{_TESTS}/equilibrium/test_dynamics.py: peak and contrast against the dynamic joint",
+        valid={"speed_m_s": (0.0, 0.1)},
+        fails="the joint's inertia and the bead's pull at higher speeds; stick-slip",
+        survivor="dynamic",
+    ),
 ]

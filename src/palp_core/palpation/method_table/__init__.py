@@ -1,14 +1,12 @@
-"""The quantities that a scene can name: what the ranges of methods are in, each with unit and meaning.
+"""The register's own rows: the ten tasks of palpation, their methods, and the quantities of ranges.
 
-A range is checked only where the scene has its quantity: bare gel has no bead's depth, and a bound on
-contrast need not hold there. So a name that no scene ever has would bound nothing and look like a bound;
-declared names are the only ones there are.
+Functions and classes are named and not imported: to list methods loads none of them.
 """
 
-import difflib
-from collections.abc import Iterable
+from palp_core.palpation.method_table import mechanics, perception
 
-from palp_core.errors import MethodError
+TASKS = [*mechanics.TASKS, *perception.TASKS]
+METHODS = [*mechanics.METHODS, *perception.METHODS]
 
 QUANTITIES: dict[str, tuple[str, str]] = {
     # of what is touched, and with what
@@ -52,23 +50,8 @@ QUANTITIES: dict[str, tuple[str, str]] = {
     "texture_sd_n_m": ("N m", "torque that the surface adds, where training does not show it"),
     "bin_m": ("m", "stretch of the path over which the torque is averaged"),
 }
-"""SI unit, ``1`` where it has none, and meaning, by name."""
+"""SI unit, ``1`` where it has none, and meaning of what a scene or session can name, by name.
 
-
-def declare_quantity(name: str, unit: str, meaning: str) -> None:
-    """Declare a quantity before the methods whose ranges name it; ``unit`` is SI, ``1`` where it has none."""
-    known = QUANTITIES.setdefault(name, (unit, meaning))
-    if known != (unit, meaning):
-        raise MethodError(f"quantity '{name}' is declared already: {known[1]} ({known[0]})")
-
-
-def require_declared(names: Iterable[str], what: str) -> None:
-    """Refuse names that are no quantities; ``what`` says whose they are."""
-    for name in names:
-        if name not in QUANTITIES:
-            near = difflib.get_close_matches(name, QUANTITIES, n=3)
-            meant = f"did you mean {' or '.join(near)}? " if near else ""
-            raise MethodError(
-                f"{what}: '{name}' is no quantity of scenes; {meant}"
-                f"declare_quantity('{name}', unit, meaning) makes it one"
-            )
+A range is checked only where the scene has its quantity: bare gel has no bead's depth, and a bound on
+contrast need not hold there.
+"""
