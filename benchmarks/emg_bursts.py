@@ -3,7 +3,7 @@
 By three models (noise in a band, noise shaped as surface EMG, a pool of motor units) under conditions that
 were not used to set a threshold, and under conditions drawn for every subject. For comparison: what
 somebody reads who knows the contractions' times, or their course; what other rules make of the plain
-condition; crosstalk that is kept and removed; whether what is held for long stays one burst; and how often
+condition; crosstalk; whether what is held for long stays one burst; and how often
 the 95 % intervals of ``palp emg fit-policy`` hold the chain that made the EMG. Shares come with Wilson's 95 %
 interval; contractions of one subject share an MVC, so of levels it is too narrow. Tables are written as they
 grow: what was measured stays when it is ended early.
@@ -180,11 +180,9 @@ def anew(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def crosstalk(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Return how crosstalk is read that is kept or removed."""
-    condition, _, what = name.rpartition(", ")
-    of = next(one for one in CROSSTALK if one.name == condition)
-    settings = EmgSettings(crosstalk="remove" if what == "removed" else "keep")
-    return row_of("crosstalk", model, name, judge(model, of, settings=settings, **_size(options)))
+    """Return how bursts are read with crosstalk between the electrodes."""
+    of = next(one for one in CROSSTALK if one.name == name)
+    return row_of("crosstalk", model, name, judge(model, of, settings=EmgSettings(), **_size(options)))
 
 
 def rules(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
@@ -216,7 +214,7 @@ def fits(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
 TABLES: dict[str, tuple[Callable[[str, str, argparse.Namespace], dict[str, Any]], Sequence[str]]] = {
     "known": (known, [of.name for of in CONDITIONS]),
     "anew": (anew, ["drawn for every subject"]),
-    "crosstalk": (crosstalk, [f"{of.name}, {what}" for of in CROSSTALK for what in ("kept", "removed")]),
+    "crosstalk": (crosstalk, [of.name for of in CROSSTALK]),
     "rules": (rules, [*RULES, *BEFORE]),
     "held": (lambda model, _, options: sustained(model, options.subjects, options.seed), ["for 30 s"]),
     "fits": (fits, list(FITS)),

@@ -105,7 +105,7 @@ CROSSTALK = (
     EmgCondition("10 %, 1 ms late at the second", crosstalk=0.1, late_s=0.001),
     EmgCondition("10 % of each in the other", leak=0.1),
 )
-"""A third muscle at both electrodes, or each at the other's: to be judged with crosstalk kept and removed."""
+"""A third muscle at both electrodes, or each at the other's."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
-from palp_core import Node, Params, Pub, ReadOnly, State, Sub, on
+from palp_core import Node, Params, Pub, State, Sub, on
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
@@ -15,7 +15,6 @@ from palp_core.palpation.perception.emg.settings import (
     BURSTS,
     WINDOW_S,
     BurstSettings,
-    Crosstalk,
     LevelRule,
     MvcRule,
 )
@@ -35,7 +34,6 @@ class CoContractionParams(Params):
     window_s: SecondsPositive = WINDOW_S
     mvc_rule: MvcRule = "plateau"
     level_rule: LevelRule = "plateau"
-    crosstalk: ReadOnly[Crosstalk] = "keep"
     on_share: RatioNonNegative = BURSTS.on_share
     off_share: RatioNonNegative = BURSTS.off_share
     rest_spreads: RatioNonNegative = BURSTS.rest_spreads
@@ -147,7 +145,7 @@ class Cocontraction(Node):
         params = self.params
         chains = tuple(EmgChain(o, rate_hz, window_s=params.window_s) for o in self.state.offsets_v)
         rule = BurstRule.of(rate_hz, known, params.bursts)
-        return CoContractionStream(chains, known.reference, rule, params.crosstalk)
+        return CoContractionStream(chains, known.reference, rule)
 
 
 def _joined(before: list[list[float]], more: list[list[float]]) -> list[list[float]]:

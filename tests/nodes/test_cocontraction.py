@@ -10,7 +10,6 @@ from nodes.cocontraction import Cocontraction, CoContractionParams
 from nodes.emg import Emg
 from palp_core import Bench
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
-from palp_core.palpation.perception.emg.settings import Crosstalk
 
 RATE_HZ = 1500.0
 Whole = tuple[list[CoContraction], list[int]]
@@ -46,17 +45,16 @@ def whole(recording: list[EmgBlock]) -> Whole:
     return followed(recording)
 
 
-@pytest.mark.parametrize("crosstalk", ["keep", "remove"])
 def test_the_command_makes_the_same_of_a_recording_as_the_node(
-    recording: list[EmgBlock], whole: Whole, crosstalk: Crosstalk
+    recording: list[EmgBlock], whole: Whole
 ) -> None:
     """But for the first window, for the node's filter knows what was before the palpation."""
     parts = {
         phase: np.concatenate([[b.fds_v, b.edc_v] for b in recording if b.phase == phase], axis=1)
         for phase in ("rest", "mvc", "palpation")
     }
-    found = analyse(parts["palpation"], parts["mvc"], EmgSettings(crosstalk=crosstalk), rest=parts["rest"])
-    stream, levels = whole if crosstalk == "keep" else followed(recording, crosstalk=crosstalk)
+    found = analyse(parts["palpation"], parts["mvc"], EmgSettings(), rest=parts["rest"])
+    stream, levels = whole
     assert found.reference == pytest.approx(stream[0].reference_v, rel=0.01)
     given = np.concatenate([c.value for c in stream])
     np.testing.assert_allclose(found.cocontraction[600:], given[600:], rtol=0.01, atol=1e-12)

@@ -126,7 +126,6 @@ BASIS = {
     "cocontraction.valley_share": "not published; assumed",
     "cocontraction.top_share": "not published; assumed",
     "cocontraction.shelf_s": "not published; assumed: as long as the plateau of an MVC",
-    "cocontraction.crosstalk": "choice: published is none removed",
 }
 
 

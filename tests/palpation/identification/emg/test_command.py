@@ -338,10 +338,9 @@ def test_node_and_command_have_one_set_of_defaults() -> None:
 
     params = CoContractionParams()
     assert params.bursts == EmgSettings().bursts
-    assert (params.window_s, params.mvc_rule, params.level_rule, params.crosstalk) == (
+    assert (params.window_s, params.mvc_rule, params.level_rule) == (
         EmgSettings().window_s,
         EmgSettings().mvc_rule,
         EmgSettings().level_rule,
-        EmgSettings().crosstalk,
     )
     assert emg.emg_settings(None) == EmgSettings()

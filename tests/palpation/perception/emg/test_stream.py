@@ -8,17 +8,14 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, EmgPeak
 from palp_core.palpation.perception.emg.emg import EmgChain
-from palp_core.palpation.perception.emg.settings import Crosstalk
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 
 RATE_HZ = 1500.0
 
 
-def _stream(
-    window_s: float = 0.05, rate_hz: float = RATE_HZ, crosstalk: Crosstalk = "keep"
-) -> CoContractionStream:
+def _stream(window_s: float = 0.05, rate_hz: float = RATE_HZ) -> CoContractionStream:
     chains = (EmgChain(3.0, rate_hz, window_s=window_s), EmgChain(-1.0, rate_hz, window_s=window_s))
-    return CoContractionStream(chains, 4.0, BurstRule(rate_hz), crosstalk)
+    return CoContractionStream(chains, 4.0, BurstRule(rate_hz))
 
 
 def _modulated(seed: int, n: int) -> np.ndarray:
@@ -43,12 +40,11 @@ def _mvc(seed: int = 99) -> np.ndarray:
     st.integers(0, 10_000),
     st.lists(st.integers(0, 900), min_size=1, max_size=8),
     st.sampled_from([0.02, 0.05, 0.2]),
-    st.sampled_from(["keep", "remove"]),
 )
 def test_the_stream_equals_the_recording_whatever_the_blocks(
-    seed: int, sizes: list[int], window_s: float, crosstalk: Crosstalk
+    seed: int, sizes: list[int], window_s: float
 ) -> None:
-    stream, samples = _stream(window_s, crosstalk=crosstalk), _modulated(seed, sum(sizes))
+    stream, samples = _stream(window_s), _modulated(seed, sum(sizes))
     state, values = stream.start(), []
     peaks: tuple[EmgPeak, ...] = ()
     bursts: tuple[Burst, ...] = ()
@@ -62,26 +58,6 @@ def test_the_stream_equals_the_recording_whatever_the_blocks(
     last = stream.finish(state)
     assert peaks + last.peaks == whole.peaks
     assert bursts + last.bursts == whole.bursts
-
-
-@pytest.mark.parametrize("share", [1.0, -1.0, 0.5])
-def test_what_both_electrodes_have_in_common_is_removed(share: float) -> None:
-    """Of a share half as strong in the other muscle, the same goes from both: half of the first's power."""
-    rng = np.random.default_rng(5)
-    foreign = rng.normal(size=30_000)
-    both = np.array([foreign, share * foreign])
-    kept, left = (_stream(0.15, crosstalk=one).whole(both).envelopes[:, 1000:] for one in ("keep", "remove"))
-    expected = np.sqrt([max(0.0, 1.0 - abs(share)), max(0.0, 1.0 - 1.0 / abs(share))])
-    assert (left / kept).mean(axis=1) == pytest.approx(expected, abs=0.01)
-
-
-def test_two_muscles_own_are_hardly_changed_where_crosstalk_is_removed() -> None:
-    trial, mvc = _levels(0, [0.2, 0.4, 0.3, 0.5]), _mvc()
-    kept, removed = (analyse(trial, mvc, EmgSettings(crosstalk=one)) for one in ("keep", "remove"))
-    assert removed.reference == pytest.approx(kept.reference, rel=0.01)
-    assert removed.levels.index.tolist() == kept.levels.index.tolist()
-    with pytest.raises(PerceptionError, match="there are 1"):
-        analyse(trial[:1], mvc[:1], EmgSettings(crosstalk="remove"))
 
 
 def test_streams_of_unequal_rates_and_foreign_states_are_refused() -> None:

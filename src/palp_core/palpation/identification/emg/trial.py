@@ -208,7 +208,6 @@ def settings_record(settings: EmgSettings) -> dict[str, Any]:
         "window_s": settings.window_s,
         "mvc_rule": settings.mvc_rule,
         "level_rule": settings.level_rule,
-        "crosstalk": settings.crosstalk,
         **asdict(settings.bursts),
     }
 

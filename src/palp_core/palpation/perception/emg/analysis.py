@@ -14,11 +14,10 @@ from palp_core.palpation.perception.emg.settings import (
     BURSTS,
     WINDOW_S,
     BurstSettings,
-    Crosstalk,
     LevelRule,
     MvcRule,
 )
-from palp_core.palpation.perception.emg.stream import CoContractionStream, envelopes_of
+from palp_core.palpation.perception.emg.stream import CoContractionStream
 from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
 from palp_core.units import Float64Array
 
@@ -38,7 +37,6 @@ class EmgSettings:
         mvc_rule: What the MVC comes to, as of :func:`.calibration.calibrate`; ``sum_of_maxima`` as printed.
         level_rule: Where a peak's level is read: ``plateau``, its top as a whole without the power of
             rest; ``peak``, its largest value.
-        crosstalk: ``remove``: what two muscles' recordings have in common is taken off both.
         rails: Least and largest value the converter gives; None: found from the samples.
         least_mvc_ratio: Least ratio of the envelope at MVC to that at rest.
         held_s: Least stay at one value that counts as lost samples; longer for a coarse converter, whose rest
@@ -55,7 +53,6 @@ class EmgSettings:
     bursts: BurstSettings = BURSTS
     mvc_rule: MvcRule = "plateau"
     level_rule: LevelRule = "plateau"
-    crosstalk: Crosstalk = "keep"
     rails: tuple[float, float] | None = None
     least_mvc_ratio: float = 5.0
     held_s: float = 0.01
@@ -142,10 +139,10 @@ def analyse(
     whole, lost = _bridged(samples, settings)
     chains = tuple(settings.chain(one.offset) for one in of_trial)
     trusted = ~_smeared(lost, chains[0].window_samples)
-    envelopes = envelopes_of(chains, whole, settings.crosstalk)
+    envelopes = np.array([chain.envelope(one) for chain, one in zip(chains, whole, strict=True)])
     known = _calibration(envelopes[:, trusted], maximum, rest, settings)
     rule = BurstRule.of(rate_hz, known, settings.bursts)
-    out = CoContractionStream(chains, known.reference, rule, settings.crosstalk).whole(whole)
+    out = CoContractionStream(chains, known.reference, rule).whole(whole)
     peaks = [one for one in out.peaks if trusted[one.index]]
     bursts = [one for one in out.bursts if any(trusted[peak.index] for peak in one.peaks)]
     levels = to_levels(np.array([settings.level_of(one) for one in peaks]))
@@ -221,7 +218,7 @@ def _envelopes(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Arr
     """Return envelopes of a recording and where they are trusted."""
     whole, lost = _bridged(samples, settings)
     chains = [settings.chain(float(np.median(muscle))) for muscle in whole]
-    found = envelopes_of(chains, whole, settings.crosstalk)
+    found = np.array([chain.envelope(one) for chain, one in zip(chains, whole, strict=True)])
     return found, ~_smeared(lost, chains[0].window_samples)
 
 

@@ -5,7 +5,6 @@ block by block with its memory carried outside, so a stream and a file give the 
 blocks. From the co-contraction, :mod:`palp_core.palpation.perception.emg.levels` makes peaks and levels.
 """
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -14,12 +13,7 @@ import numpy as np
 import scipy
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.settings import WINDOW_S
 from palp_core.units import Float64Array
-
-_CHANCE = (3.0 * math.sqrt(2.0) * 0.1) ** 2
-"""Squared correlation by chance of two muscles over the usual window, whose envelopes scatter by a tenth:
-three standard deviations of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,26 +90,6 @@ class EmgChain:
     def envelope(self, samples: Float64Array) -> Float64Array:
         """Return the envelope of a whole recording, shape (n,); the first window ramps up from silence."""
         return self.step(self.start(), samples)[1]
-
-
-def without_common(
-    first: Float64Array, second: Float64Array, together: Float64Array, window_s: float
-) -> Float64Array:
-    """Return two muscles' envelopes without what both recordings have in common, shape (2, n).
-
-    The potentials of a third muscle reach both electrodes at once, as mains do; two muscles' own do not go
-    together. So where the two correlate over the RMS window by more than chance, the size of their covariance
-    is taken off the power of each, at most all of it. Of what comes through r times as strong in the one as
-    in the other, 1 - 1/r of the larger's power stays; so does what tissue filters in different ways, or what
-    is late by milliseconds (Lowery et al., 2003).
-    """
-    chance = min(_CHANCE * WINDOW_S / window_s, 0.9)
-    powers = np.array([first, second]) ** 2
-    covariance = (together**2 - powers[0] - powers[1]) / 2.0
-    product = np.maximum(powers[0] * powers[1], np.finfo(np.float64).tiny)
-    beyond = np.maximum(0.0, 1.0 - chance * product / np.maximum(covariance**2, chance * product))
-    common = np.abs(covariance) * beyond / (1.0 - chance)  # nothing at chance, all where one is the other
-    return np.asarray(np.sqrt(np.maximum(powers - common, 0.0)))
 
 
 def find_offset(rest: Float64Array) -> float:

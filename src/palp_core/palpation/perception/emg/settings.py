@@ -15,9 +15,6 @@ MvcRule = Literal["plateau", "maximum_of_sum", "sum_of_maxima"]
 LevelRule = Literal["plateau", "peak"]
 """Where a peak's level is read: its top as a whole, rest taken off, or its largest value as it is."""
 
-Crosstalk = Literal["keep", "remove"]
-"""What becomes of what both muscles' recordings have in common; see :func:`.emg.without_common`."""
-
 WINDOW_S = 0.15
 """RMS window: surface EMG scatters by 6 to 12 % of its value there, and by 18 to 20 % at 50 ms."""
 
