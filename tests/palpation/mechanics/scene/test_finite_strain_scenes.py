@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from palp_core.cli.rig.scene import app
 from palp_core.errors import MechanicsError, MethodError, OutOfRange
-from palp_core.methods import find
 from palp_core.palpation.mechanics import (
     Bead,
     Phantom,
@@ -20,7 +19,6 @@ from palp_core.palpation.mechanics import (
     StagePath,
     Tolerance,
     choose_rung,
-    force_table,
     read_scene,
     run_scene,
     rung_model,
@@ -29,7 +27,6 @@ from palp_core.palpation.mechanics import (
 from palp_core.palpation.mechanics.scene.output import answer, answer_error, grid_m
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.mechanics.scene.scene import pressed_share
-from palp_core.palpation.method_table.mechanics import PRESSED_MAX
 
 TEXT = """\
 phantom: {bead: {depth_m: 0.004}}
@@ -118,20 +115,10 @@ def test_a_file_says_against_which_law(tmp_path: Path) -> None:
     with pytest.raises(MethodError, match="pressed_share"):  # at 2 mm, one of the paper's three depths
         rig(scene=str(file))
     file.write_text(TEXT.replace("finite", "large"), encoding="utf-8")
-    with pytest.raises(
-        MechanicsError, match=r"scene.yaml:2:\d+: tolerance.strain must be one of small, finite"
-    ):
+    with pytest.raises(MechanicsError, match=r"scene.yaml:2:\d+: strain: must be one of small, finite"):
         read_scene(file)
     with pytest.raises(OutOfRange, match="strain"):
         Tolerance(strain="large")
-
-
-def test_a_table_of_forces_states_what_they_are_against_finite_strain() -> None:
-    scene = asking("contrast", 0.05)
-    shallow = force_table(scene, "l2", [0.0, 0.004], [0.001, 0.002])
-    assert shallow.bound == find("contact", "l2").bound("finite_normal", {"depth_m": 0.004})
-    deep_m = 1.1 * PRESSED_MAX * 0.004
-    assert force_table(scene, "l2", [0.0], [deep_m]).bound is None
 
 
 @pytest.mark.slow
@@ -171,9 +158,3 @@ def test_a_chosen_rung_answers_and_is_as_right_as_it_says() -> None:
         assert answer_error(given, true, scene) <= choice.bound <= scene.tolerance.relative, scene
         chosen.append(choice.rung)
     assert {"l2", "l5"} <= set(chosen)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("offset_m", "bound"), [(0.0, 0.01), (0.004, None)])
-def test_a_bound_on_the_axis_counts_only_there(offset_m: float, bound: float | None) -> None:
-    assert force_table(Scene(), "l5", [offset_m], [0.001]).bound == bound

@@ -205,7 +205,7 @@ def test_contrast_is_the_height_over_the_line_through_the_ends() -> None:
 def test_a_scene_that_is_none_is_refused(given: dict[str, Any]) -> None:
     with pytest.raises(OutOfRange):
         Scene(**given)
-    with pytest.raises(OutOfRange, match="none of peak"):
+    with pytest.raises(OutOfRange, match="one of peak"):
         Tolerance(output="colour")
 
 

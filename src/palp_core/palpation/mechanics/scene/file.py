@@ -18,14 +18,13 @@ import dataclasses
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
 from palp_core.errors import MechanicsError, OutOfRange
-from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import OUTPUTS, STRAINS, Scene, StagePath, Tolerance
+from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.whole_file import read_whole, why_not
 
 _LARGEST_BYTES = 256 << 10
@@ -107,80 +106,35 @@ def read_scene(path: str | Path) -> Scene:
     Raises:
         MechanicsError: As the module says, or a value is out of range.
     """
-    root = read_mapping(path, "scene")
-    fields = root.items("the scene", _keys(Scene))
-    given: dict[str, Any] = {}
-    if "phantom" in fields:
-        given["phantom"] = phantom_of(fields["phantom"], "phantom")
-    if "probe" in fields:
-        given["probe"] = _struct(fields["probe"], "probe", Probe)
-    if "path" in fields:
-        given["path"] = _struct(fields["path"], "path", StagePath)
-    if "ring_m" in fields:
-        given["ring_m"] = fields["ring_m"].numbers("ring_m")
-    if "tolerance" in fields:
-        given["tolerance"] = _tolerance(fields["tolerance"])
-    if "budget_s" in fields:
-        given["budget_s"] = fields["budget_s"].number("budget_s")
-    return _made(root, fields, Scene, given)
+    return build(Scene, read_mapping(path, "scene"), "the scene")
 
 
-def phantom_of(node: SceneNode, what: str) -> Phantom:
-    """Return the phantom that a mapping describes."""
-    fields = node.items(what, _keys(Phantom))
-    given: dict[str, Any] = {name: f.number(name) for name, f in fields.items() if name != "bead"}
-    if "bead" in fields:
-        bead = fields["bead"]
-        if bead.text is None:
-            given["bead"] = _struct(bead, f"{what}.bead", Bead)
-        elif bead.text.lower() in ("none", "null", "~", ""):
-            given["bead"] = None
-        else:
-            raise bead.error(f"{what}.bead must be a mapping of depth_m and radius_m, or 'none'")
-    places = fields | (fields["bead"].items(f"{what}.bead") if given.get("bead") is not None else {})
-    return _made(node, places, Phantom, given)
-
-
-def _keys(kind: type) -> list[str]:
-    """Return the keys of what fills a class; its docstring is what the reference says of them."""
-    return [field.name for field in dataclasses.fields(kind)]
-
-
-def _tolerance(node: SceneNode) -> Tolerance:
-    fields = node.items("tolerance", _keys(Tolerance))
-    given: dict[str, Any] = {}
-    if "output" in fields:
-        given["output"] = fields["output"].text
-        if given["output"] not in OUTPUTS:
-            raise fields["output"].error(f"tolerance.output must be one of {', '.join(OUTPUTS)}")
-    if "relative" in fields:
-        given["relative"] = fields["relative"].number("relative")
-    if "strain" in fields:
-        given["strain"] = fields["strain"].text
-        if given["strain"] not in STRAINS:
-            raise fields["strain"].error(f"tolerance.strain must be one of {', '.join(STRAINS)}")
-    if "depths_m" in fields:
-        given["depths_m"] = fields["depths_m"].numbers("depths_m")
-    return _made(node, fields, Tolerance, given)
-
-
-def _struct(node: SceneNode, what: str, kind: type[T]) -> T:
-    """Return a dataclass of numbers, and of words where a default is one."""
-    fields = node.items(what, _keys(kind))
-    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        if field.name not in fields and field.default is dataclasses.MISSING:
+def build(kind: type[T], node: SceneNode, what: str) -> T:
+    """Return a dataclass of numbers, words and further dataclasses; an optional one may be ``none``."""
+    own = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    types, fields = get_type_hints(kind), node.items(what, list(own))
+    for field in own.values():
+        if field.name not in fields and field.default is field.default_factory is dataclasses.MISSING:
             raise node.error(f"{what} needs {field.name}")
-    words = {f.name for f in dataclasses.fields(kind) if isinstance(f.default, str)}  # type: ignore[arg-type]
-    given = {
-        name: (value.text or "a collection") if name in words else value.number(name)
-        for name, value in fields.items()
-    }
-    return _made(node, fields, kind, given)
-
-
-def _made(node: SceneNode, fields: dict[str, SceneNode], kind: type[T], given: dict[str, Any]) -> T:
-    """Call a dataclass; what is out of range is reported where it was written."""
+    given, places = dict[str, Any](), dict(fields)
+    for name, value in fields.items():
+        wanted, optional = types[name], NoneType in get_args(types[name])
+        if optional:
+            wanted = next(one for one in get_args(wanted) if one is not NoneType)
+        if optional and (value.text or "").lower() in ("none", "null", "~"):
+            given[name] = None
+        elif dataclasses.is_dataclass(wanted):
+            if optional and value.text is not None:
+                raise value.error(f"{what}.{name} must be a mapping, or 'none'")
+            given[name] = build(wanted, value, name if kind is Scene else f"{what}.{name}")
+            places = value.items(name) | places  # a part that does not fit the whole is named at its place
+        elif wanted is str:
+            given[name] = value.text or "a collection"
+        elif get_origin(wanted) is tuple:
+            given[name] = value.numbers(name)
+        else:
+            given[name] = value.number(name)
     try:
         return kind(**given)
     except OutOfRange as error:
-        raise fields.get(error.quantity, node).error(str(error)) from error
+        raise places.get(error.quantity, node).error(str(error)) from error

@@ -10,7 +10,7 @@ import dataclasses
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping
+from palp_core.palpation.mechanics.scene.file import build, read_mapping
 from palp_core.palpation.mechanics.scene.sealed import is_sealed
 
 PAPER_PHANTOMS = {
@@ -34,7 +34,7 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
         entries = root.items("the file of phantoms")
         if not entries:
             raise root.error("give phantoms by code, as in 'A: {bead: {depth_m: 0.002}}'")
-        return {code: phantom_of(entry, f"phantom '{code}'") for code, entry in entries.items()}
+        return {code: build(Phantom, entry, f"phantom '{code}'") for code, entry in entries.items()}
     three = dict(PAPER_PHANTOMS)
     if gel is not None:
         three = {
