@@ -95,30 +95,6 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
     show(done.as_json(), [*lines, *table_lines(rows)], as_json=as_json)
 
 
-@app.command("table")
-def table(
-    file: FileArgument,
-    *,
-    rung: Annotated[str, option("Which rung, of `palp methods list contact`.")],
-    offsets_mm: Annotated[str, option("Positions past the bead, in mm.", metavar="A,B,...")],
-    indentations_mm: Annotated[str, option("Depths under the surface, in mm.", metavar="A,B,...")],
-    as_json: JsonOption = False,
-) -> None:
-    """Print a rung's contact forces over offsets and indentations."""
-    from palp_core.palpation.mechanics.scene.file import read_scene
-    from palp_core.palpation.mechanics.scene.run import force_table
-
-    offsets, depths = _metres("--offsets-mm", offsets_mm), _metres("--indentations-mm", indentations_mm)
-    found = force_table(read_scene(file), rung, offsets, depths)
-    rows = [
-        (f"{s * 1e3:g}", *(f"{n:.5g} / {u:.5g}" for n, u in zip(normal, lateral, strict=True)))
-        for s, normal, lateral in zip(offsets, found.normal_n, found.lateral_n, strict=True)
-    ]
-    head = f"rung {found.rung}: normal force {_within(found.bound)}; N normal / N lateral"
-    heads = ("offset, mm", *(f"{depth * 1e3:g} mm deep" for depth in depths))
-    show(found.as_json(), [head, *table_lines([heads, *rows])], as_json=as_json)
-
-
 @app.command("fit")
 def fit(
     outs: Annotated[list[Path], argument("Sessions' folders or bags.", "OUT...")],
@@ -165,17 +141,6 @@ def cache(
     line = f"{found.path}: {counted(found.entry_count, 'set-up')}, {found.size_bytes / 1e6:.1f} MB"
     record = {"path": str(found.path), "entries": found.entry_count, "size_bytes": found.size_bytes}
     show(record, [line], as_json=as_json)
-
-
-def _metres(option: str, text: str) -> list[float]:
-    """Return comma-separated millimetres as metres."""
-    try:
-        values = [float(part) * 1e-3 for part in text.split(",") if part.strip()]
-    except ValueError as error:
-        raise typer.BadParameter(f"{option} takes numbers of millimetres with commas, as in 0,4,8") from error
-    if not values:
-        raise typer.BadParameter(f"{option} needs at least one number of millimetres")
-    return values
 
 
 def _percent(share: float | None) -> str:

@@ -19,7 +19,7 @@ from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import choose_rung, contact_model, rung_model
 from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.mechanics.scene.run import force_table, run_scene
+from palp_core.palpation.mechanics.scene.run import run_scene
 from palp_core.palpation.mechanics.scene.scene import Scene, StagePath, Tolerance
 
 __all__ = [
@@ -36,7 +36,6 @@ __all__ = [
     "choose_rung",
     "contact_model",
     "equilibria",
-    "force_table",
     "read_scene",
     "run_scene",
     "rung_model",

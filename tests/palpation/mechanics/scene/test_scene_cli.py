@@ -53,20 +53,6 @@ def test_run_gives_each_ring_with_any_rung(rung: str, file: str) -> None:
     assert "contrast, N mm" in text
 
 
-def test_table_gives_the_forces_by_offset_and_indentation(file: str) -> None:
-    call = ["table", file, "--rung", "l2", "--offsets-mm", "0,4,8", "--indentations-mm", "1,2,4"]
-    told = json.loads(CliRunner().invoke(scene.app, [*call, "--json"]).stdout)
-    assert told["offset_m"] == [0.0, 0.004, 0.008]
-    assert np.shape(told["normal_n"]) == (3, 3)
-    assert "4 mm deep" in CliRunner().invoke(scene.app, call).stdout
-
-
-@pytest.mark.parametrize("offsets", ["", "a,b", ","])
-def test_offsets_that_are_no_numbers_are_a_usage_error(offsets: str, file: str) -> None:
-    call = ["table", file, "--rung", "l2", "--offsets-mm", offsets, "--indentations-mm", "1"]
-    assert CliRunner().invoke(scene.app, call).exit_code == 2
-
-
 def test_a_mistake_in_the_file_is_the_libraries_own_error(tmp_path: Path) -> None:
     result = CliRunner().invoke(scene.app, ["run", str(tmp_path / "none.yaml")])
     assert isinstance(result.exception, MechanicsError)

@@ -1,12 +1,11 @@
-"""A scene swept, and a table of contact forces: what ``palp scene run`` and ``palp scene table`` print."""
+"""A scene swept: what ``palp scene run`` prints."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from palp_core.methods import find, outside
+from palp_core.methods import outside
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
@@ -55,30 +54,6 @@ def _swept(model: ContactModel, scene: Scene, stage_m: Float64Array, *, moving: 
     return tuple(sweep(model, scene.probe, ring_m, depth_m, stage_m) for ring_m in scene.ring_m)
 
 
-@dataclass(frozen=True, eq=False)
-class ForceTable:
-    """Contact forces of one rung; forces have the shape (offsets, indentations)."""
-
-    offset_m: Float64Array  # Positions of the ball past the bead
-    indentation_m: Float64Array  # Depths under the surface
-    normal_n: Float64Array  # Normal force
-    lateral_n: Float64Array  # Elastic drag dU/ds
-    rung: str  # Name of the rung
-    # Stated relative error of the normal force in this scene; None where none is vouched for
-    bound: float | None
-
-    def as_json(self) -> dict[str, object]:
-        """Return the table as plain lists and numbers, SI."""
-        return {
-            "offset_m": self.offset_m.tolist(),
-            "indentation_m": self.indentation_m.tolist(),
-            "normal_n": self.normal_n.tolist(),
-            "lateral_n": self.lateral_n.tolist(),
-            "rung": self.rung,
-            "bound": self.bound,
-        }
-
-
 def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
     """Sweep a scene at each of its ring positions.
 
@@ -109,33 +84,6 @@ def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
         contrast_n_m=tuple(contrast_n_m(one) for one in sweeps),
         guards=guards,
     )
-
-
-def force_table(
-    scene: Scene, rung: str, offset_m: Sequence[float], indentation_m: Sequence[float]
-) -> ForceTable:
-    """Return contact forces of a rung at offsets and indentations.
-
-    Raises:
-        MethodError: There is no such rung.
-        MechanicsError: The rung has no answer for this phantom or at an indentation.
-    """
-    model = rung_model(rung, scene.phantom, scene.probe.tip_radius_m)
-    offsets, depths = np.asarray(offset_m, dtype=np.float64), np.asarray(indentation_m, dtype=np.float64)
-    normal_n, lateral_n = model.force(offsets[:, None], depths[None, :])
-    outputs = ["finite_normal"] if scene.tolerance.strain == "finite" else ["normal"]
-    if not offsets.any() and scene.tolerance.strain == "small":
-        outputs.append("normal_on_axis")
-    bead, thinnest_m = scene.phantom.bead, scene.probe.tip_radius_m
-    if bead is not None:
-        thinnest_m = min(thinnest_m, bead.depth_m)
-    bounds = []
-    for depth in depths.tolist():
-        here = scene.quantities() | {"indentation_m": depth, "pressed_share": depth / thinnest_m}
-        stated = [find("contact", rung).bound(output, here) for output in outputs]
-        bounds.append(min((one for one in stated if one is not None), default=math.inf))
-    bound = max(bounds, default=math.inf)
-    return ForceTable(offsets, depths, normal_n, lateral_n, rung, bound if math.isfinite(bound) else None)
 
 
 def dynamic_sweeps(
@@ -176,7 +124,6 @@ def dynamic_sweeps(
                 lifted=depth_m <= 0.0,
                 root_count=np.ones(stage_m.size, dtype=np.int64),
                 snap_at=(),
-                guards=moved.guards,
             )
         )
     return tuple(made)

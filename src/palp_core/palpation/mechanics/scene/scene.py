@@ -106,9 +106,9 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         if self.output not in OUTPUTS:
-            raise OutOfRange("output", f"'{self.output}' is none of {', '.join(OUTPUTS)}")
+            raise OutOfRange("output", f"must be one of {', '.join(OUTPUTS)}, not '{self.output}'")
         if self.strain not in STRAINS:
-            raise OutOfRange("strain", f"'{self.strain}' is none of {', '.join(STRAINS)}")
+            raise OutOfRange("strain", f"must be one of {', '.join(STRAINS)}, not '{self.strain}'")
         require("relative", self.relative, 1e-9, 1e3, "give a positive share, as in 0.05")
         for depth_m in self.depths_m:
             require("depths_m", depth_m, 1e-6, 1.0, "give metres of gel over the bead, as in 0.004")
