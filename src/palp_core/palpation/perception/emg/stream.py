@@ -1,8 +1,7 @@
-"""Muscles' raw EMG to co-contraction and bursts, block by block, equal to the whole recording at once.
+"""Muscles' raw EMG to co-contraction and bursts, block by block: the bytes of the whole recording at once.
 
-Co-contraction comes without lag: the value at a sample is the same as offline, to rounding. Against the
-muscle it is late by :attr:`CoContractionStream.delay_s`, offline as well, for the chain is causal. A burst
-states its own lag.
+Against the muscle, co-contraction is late by half the RMS window, offline as well, for the chain is causal. A
+burst states its own lag.
 """
 
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, EmgPeak, Found
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, EmgPeak
 from palp_core.palpation.perception.emg.emg import EmgChain, EnvelopeState, cocontraction
 from palp_core.units import Float64Array
 
@@ -47,12 +46,6 @@ class CoContractionStream:
         if not self.chains or len(rates) != 1:
             raise PerceptionError(f"an EMG stream needs one rate for all muscles and the bursts, not {rates}")
 
-    @property
-    def delay_s(self) -> float:
-        """Time by which the middle of the RMS window is late; the band-pass adds milliseconds."""
-        chain = self.chains[0]
-        return (chain.window_samples - 1) / 2.0 / chain.rate_hz
-
     def start(self) -> StreamState:
         """Return the state before the first sample."""
         return _pack([chain.start() for chain in self.chains], BurstState())
@@ -74,18 +67,6 @@ class CoContractionStream:
         memory, found = self.rule.step(state.bursts, value)
         return _pack([after for after, _ in steps], memory), StreamBlock(
             envelopes, value, found.peaks, found.bursts
-        )
-
-    def finish(self, state: StreamState) -> Found:
-        """Return what is still open at the end of the recording."""
-        return self.rule.finish(state.bursts)
-
-    def whole(self, samples: Float64Array) -> StreamBlock:
-        """Return what comes out of a whole recording, shape (muscles, n)."""
-        state, block = self.step(self.start(), samples)
-        last = self.finish(state)
-        return StreamBlock(
-            block.envelopes, block.cocontraction, block.peaks + last.peaks, block.bursts + last.bursts
         )
 
 
