@@ -36,6 +36,17 @@ def finite_places(
     return finite_offsets(offset_m), depths
 
 
+def explicit_step_s(
+    inertia_kg_m2: float, regular_m_s: float, friction: float, normal_n: float, arm_m: float
+) -> float:
+    """Return the longest time step at which explicit smooth friction neither chatters nor blows up.
+
+    A third of 2 I v_r / (mu N A^2), the limit of the linearised law at rest.
+    """
+    load = friction * normal_n * arm_m**2
+    return float("inf") if load <= 0.0 else 2.0 * inertia_kg_m2 * regular_m_s / load / 3.0
+
+
 def stage_step(step_m: float) -> tuple[float, str]:
     """Return a stage step that does not miss the peak, and what was changed."""
     if step_m <= STAGE_STEP_MAX_M:

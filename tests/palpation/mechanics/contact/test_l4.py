@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,9 +73,6 @@ def test_the_force_falls_with_offset_to_that_of_bare_gel(
         ("height_m", lambda: HarmonicContact(Phantom(height_m=0.1), TIP_M)),
         ("tip_radius_m", lambda: HarmonicContact(Phantom(), math.nan)),
         ("cell_m", lambda: HarmonicContact(Phantom(), TIP_M, 0.0)),
-        ("indentation_m", lambda: HarmonicContact(Phantom(), TIP_M).force(ORIGIN, np.array(0.0061))),
-        ("indentation_m", lambda: HarmonicContact(Phantom(), TIP_M).force(ORIGIN, np.array(math.nan))),
-        ("offset_m", lambda: HarmonicContact(Phantom(), TIP_M).force(np.array(math.nan), np.array(0.001))),
     ],
 )
 def test_what_is_out_of_range_is_refused_by_name(quantity: str, make: object) -> None:
@@ -84,15 +80,6 @@ def test_what_is_out_of_range_is_refused_by_name(quantity: str, make: object) ->
     with pytest.raises(OutOfRange) as caught:
         make()
     assert caught.value.quantity == quantity
-
-
-def test_progress_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PALP_CACHE", str(tmp_path))  # where nothing is kept
-    told: list[tuple[int, int, str]] = []
-    phantom = Phantom(bead=Bead(depth_m=0.012, radius_m=0.005), height_m=0.025)
-    HarmonicContact(phantom, 0.005, progress=lambda *step: told.append(step)).prepare()
-    assert {what for *_, what in told} == {"harmonics of the bead", "indentations of the table"}
-    assert all(0 < done <= total for done, total, _ in told)
 
 
 def scene_drawn(rng: np.random.Generator) -> tuple[Phantom, float]:

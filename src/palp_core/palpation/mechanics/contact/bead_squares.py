@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,9 +10,6 @@ import scipy
 from numpy.typing import NDArray
 
 from palp_core.units import Float64Array
-
-Progress = Callable[[int, int, str], None]
-"""Called with (steps done, steps in all as far as known, what is being done)."""
 
 _NEGLIGIBLE = 3e-5  # of the largest value of any square: 1e-9 of the largest stiffening
 

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
+from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
 from palp_core.palpation.mechanics.contact.layer import BondedLayer, Trace
 from palp_core.palpation.mechanics.contact.section_mesh import bead_section
@@ -54,7 +54,6 @@ def bead_term(
     reach_m: float,
     fineness: float = 2.0,
     tolerance: float = _HARMONICS,
-    progress: Progress | None = None,
 ) -> BeadTerm:
     """Compute the bead's stiffening of the surface."""
     section = bead_section(radius_m, depth_m, height_m, fineness)
@@ -91,8 +90,6 @@ def bead_term(
         squares.append(vectors[:, wanted] * np.sqrt(values[wanted]))
         orders += [harmonic] * int(wanted.sum())
         small = small + 1 if size < tolerance * largest else 0
-        if progress is not None:
-            progress(harmonic + 1, max(harmonic + 1, 16), "harmonics of the bead")
         if small == 2:
             break
     return BeadTerm(radii_m, np.array(orders), np.concatenate(squares, axis=1))

@@ -128,7 +128,6 @@ class FittedBump:
         return 1.2 * self.fit.within_m[1]
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
         depth_m, bump, slope = self._parts(offset_m, indentation_m)
         one, two = self.fit.stiffness
         root = np.sqrt(depth_m)
@@ -136,7 +135,6 @@ class FittedBump:
         return normal, (one / 2.5 + two / 3.5 * depth_m) * depth_m**2 * root * slope
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
-        """Return U in J; see :class:`~palp_core.palpation.mechanics.contact.model.ContactModel`."""
         depth_m, bump, _ = self._parts(offset_m, indentation_m)
         one, two = self.fit.stiffness
         return (one / 2.5 + two / 3.5 * depth_m) * depth_m**2 * np.sqrt(depth_m) * bump

@@ -131,11 +131,9 @@ class LayeredHertz:
 
     @property
     def indentation_max_m(self) -> float:
-        """The ball's radius: it is in up to its equator."""
         return self.tip_radius_m
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
         offset_m, indentation_m = self._checked(offset_m, indentation_m)
         inverse, inverse_slope, yielding, yielding_slope = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
@@ -147,7 +145,6 @@ class LayeredHertz:
         return normal_n, lateral_n
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
-        """Return U in J; see :class:`~palp_core.palpation.mechanics.contact.model.ContactModel`."""
         offset_m, indentation_m = self._checked(offset_m, indentation_m)
         inverse, _, yielding, _ = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)

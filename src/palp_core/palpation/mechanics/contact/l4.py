@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
+from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.model import require_range
@@ -40,7 +40,6 @@ class HarmonicContact:
         tip_radius_m: Radius of the ball.
         cell_m: Side of the cells where the contact on a half-space has a radius of 5 mm, in proportion to it
             below and up to 7.5 mm.
-        progress: Told how far the set-up is.
 
     Raises:
         OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
@@ -50,7 +49,6 @@ class HarmonicContact:
     phantom: Phantom
     tip_radius_m: float
     cell_m: float = 0.001
-    progress: Progress | None = None
 
     def __post_init__(self) -> None:
         require_range(self.phantom, self.tip_radius_m)
@@ -64,7 +62,6 @@ class HarmonicContact:
 
     @property
     def indentation_max_m(self) -> float:
-        """The ball's radius: it is in up to its equator."""
         return self.tip_radius_m
 
     @property
@@ -90,13 +87,11 @@ class HarmonicContact:
         _ = self._table
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
         offset_m, indentation_m = self._checked(offset_m, indentation_m)
         normal, lateral = self._table.force(offset_m, indentation_m)
         return normal * self.phantom.modulus_pa, lateral * self.phantom.modulus_pa
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
-        """Return U in J; see :class:`~palp_core.palpation.mechanics.contact.model.ContactModel`."""
         offset_m, indentation_m = self._checked(offset_m, indentation_m)
         return self._table.energy(offset_m, indentation_m) * self.phantom.modulus_pa
 
@@ -143,7 +138,7 @@ class HarmonicContact:
                 bead_term,
             )  # finite elements, if it comes to that
 
-            term = bead_term(**inputs, progress=self.progress)
+            term = bead_term(**inputs)
             return {"radius_m": term.radius_m, "harmonic": term.harmonic, "squares": term.squares}
 
         return BeadTerm(**cached("l4-bead", inputs, compute))
@@ -160,8 +155,6 @@ class HarmonicContact:
             for i, offset in enumerate(offsets):
                 pressed = patch.press(offset, touching)
                 normal[i, j], touching = pressed.normal_n, pressed.force_n > 0.0
-            if self.progress is not None:
-                self.progress(j + 1, roots.size, "indentations of the table")
         first = 4.0 / 3.0 * math.sqrt(self.tip_radius_m) / (1.0 - self.phantom.poisson**2)
         table = energy_table(self._far_m, root_max, normal, first)
         return {

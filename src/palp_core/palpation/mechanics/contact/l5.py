@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from palp_core.errors import MechanicsError
-from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.model import require_range
@@ -45,7 +44,6 @@ class FiniteStrainContact:
         phantom: What is touched.
         tip_radius_m: Radius of the ball.
         facet_m: Length of the surface's facets where the ball may touch; 1/16 of its radius by default.
-        progress: Told how far the set-up is.
 
     Raises:
         OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
@@ -55,7 +53,6 @@ class FiniteStrainContact:
     phantom: Phantom
     tip_radius_m: float
     facet_m: float | None = None
-    progress: Progress | None = None
 
     def __post_init__(self) -> None:
         require_range(self.phantom, self.tip_radius_m)
@@ -83,7 +80,6 @@ class FiniteStrainContact:
         self._small.prepare()
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
         offset_m, indentation_m = self._checked(offset_m, indentation_m)
         axis_n, none = self._table.force(offset_m, indentation_m)
         if not self._aside(offset_m):
@@ -95,7 +91,6 @@ class FiniteStrainContact:
         return normal_n * self.phantom.modulus_pa, by_offset * extra * self.phantom.modulus_pa
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
-        """Return U in J; see :class:`~palp_core.palpation.mechanics.contact.model.ContactModel`."""
         offset_m, indentation_m = self._checked(offset_m, indentation_m)
         axis_j = self._table.energy(offset_m, indentation_m)
         if self._aside(offset_m):
@@ -136,7 +131,7 @@ class FiniteStrainContact:
 
     @cached_property
     def _small(self) -> HarmonicContact:
-        return HarmonicContact(self.phantom, self.tip_radius_m, progress=self.progress)
+        return HarmonicContact(self.phantom, self.tip_radius_m)
 
     @cached_property
     def _small_bare(self) -> HarmonicContact:
@@ -162,8 +157,6 @@ class FiniteStrainContact:
         for j in range(_FIRST, _ROOTS + 1):
             root = math.sqrt(self.tip_radius_m) * j / _ROOTS
             normal = solid.press(root**2)
-            if self.progress is not None:
-                self.progress(j, _ROOTS, "indentations at finite strain")
             if normal is None:
                 break
             roots.append(root)

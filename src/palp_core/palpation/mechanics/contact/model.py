@@ -78,7 +78,6 @@ class BesideBead:
 
     @property
     def rung(self) -> str:
-        """Name of the rung."""
         return self.model.rung
 
     @property
@@ -88,17 +87,14 @@ class BesideBead:
 
     @property
     def indentation_max_m(self) -> float:
-        """Largest indentation that the model answers."""
         return self.model.indentation_max_m
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Return (normal_n, lateral_n); see :class:`.ContactModel`."""
         away_m, along = distance(offset_m, self.beside_m**2)
         normal_n, lateral_n = self.model.force(away_m, indentation_m)
         return normal_n, lateral_n * along
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
-        """Return the elastic energy in J; see :class:`.ContactModel`."""
         return self.model.energy(distance(offset_m, self.beside_m**2)[0], indentation_m)
 
 
