@@ -42,7 +42,7 @@ def test_the_joint_torque_is_that_of_two_springs_of_zero_free_length() -> None:
         )
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(ring_m=st.floats(0.0, 0.02), angle_rad=st.floats(-1.5, 1.5))
 def test_the_joint_stiffness_is_the_slope_of_the_joint_torque(ring_m: float, angle_rad: float) -> None:
     probe = Probe()

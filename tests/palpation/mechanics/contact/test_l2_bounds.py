@@ -91,7 +91,7 @@ def test_stated_bounds_are_kept_at_the_corners_of_their_boxes(
     assert checked > 100
 
 
-def test_past_a_bead_2_mm_beside_the_path_bounds_hold_and_at_5_mm_the_contrast_would_not() -> None:
+def test_past_a_bead_2_mm_off_the_path_bounds_hold_and_at_5_mm_the_contrast_would_not() -> None:
     """Against L4, at the nominal load; from box to box the slow test above."""
     errors = {}
     for beside_m in (0.002, 0.005):
@@ -131,7 +131,7 @@ def test_yielding_is_the_moment_of_hertz_over_what_the_joint_holds() -> None:
     assert floating == (math.inf,)
 
 
-def test_a_path_that_ends_on_the_bead_has_no_contrast_to_vouch_for() -> None:
+def test_no_contrast_is_bounded_on_a_path_that_ends_on_the_bead() -> None:
     near = Scene(
         path=StagePath(from_m=-0.01, to_m=0.05), tolerance=Tolerance(output="contrast", relative=0.3)
     )

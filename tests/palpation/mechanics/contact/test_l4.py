@@ -36,18 +36,16 @@ def at(model: HarmonicContact, offset_m: float, indentation_m: float) -> tuple[f
     return float(normal_n), float(lateral_n)
 
 
-@pytest.mark.parametrize("offset_m", [0.0, 0.003, 0.008, 0.02])
-@pytest.mark.parametrize("indentation_m", [0.0011, 0.0023, 0.0041])
+@pytest.mark.parametrize("offset_m", [0.0, 0.003, 0.02])
+@pytest.mark.parametrize("indentation_m", [0.0011, 0.0041])
 def test_between_its_nodes_the_table_is_the_contact_solved_there(
     model: HarmonicContact, offset_m: float, indentation_m: float
 ) -> None:
     patch, step_m, modulus_pa = model.patch(indentation_m), 1e-5, model.phantom.modulus_pa
     normal_n, lateral_n = at(model, offset_m, indentation_m)
     assert normal_n == pytest.approx(modulus_pa * patch.press(offset_m).normal_n, rel=1e-3)
-    ends = [
-        float(patch.press(offset_m + end).force_n @ patch._overlap) for end in (-step_m, step_m)
-    ]  # energies
-    slope = modulus_pa * (ends[1] - ends[0]) / (2 * step_m)
+    energies = [float(patch.press(offset_m + end).force_n @ patch._overlap) for end in (-step_m, step_m)]
+    slope = modulus_pa * (energies[1] - energies[0]) / (2 * step_m)
     assert lateral_n == pytest.approx(slope, rel=0.02, abs=2e-4)
 
 

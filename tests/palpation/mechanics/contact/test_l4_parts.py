@@ -35,8 +35,7 @@ def pressed(layer: BondedLayer, tip_m: float, indentation_m: float, cells: float
     return Patch(layer, None, tip_m, indentation_m, cell_m).press(0.0).normal_n
 
 
-@pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999])
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize(("share", "poisson"), [(0.1, 0.49), (0.5, 0.3), (0.5, 0.4999), (1.0, 0.49)])
 def test_a_very_high_layer_is_sneddons_half_space(share: float, poisson: float) -> None:
     force = pressed(BondedLayer(poisson, 10.0), 0.006, share * 0.006, 14.0)
     assert force == pytest.approx(half_space(poisson, 0.006, share * 0.006), rel=1e-3)
@@ -82,8 +81,7 @@ def test_the_patch_test_even_strain_is_exact_in_every_element() -> None:
     force = solid.matrix(0)[:, :count] @ state
     inner, _ = solid.free(0)
     inside = inner[inner < count]
-    node = np.concatenate([np.flatnonzero(np.isin(each, inside)) for each in (a, b, z)])
-    assert node.size
+    assert np.isin(np.concatenate([a, b, z]), inside).any()
     deep = inside[solid.basis.doflocs[1, inside] > 1e-9]  # the free surface is loaded by that strain
     scale = np.abs(force).max()
     around = np.isin(deep, np.concatenate([a, b]))
@@ -140,7 +138,7 @@ def test_touch_meets_both_conditions_on_random_compliances() -> None:
 
 
 def test_a_patch_under_a_sphere_ends_at_its_equator() -> None:
-    """Thin, nearly incompressible gel is squeezed up beside the ball, where there is no ball to touch."""
+    """Thin, nearly incompressible gel is squeezed up around the ball, where there is no ball to touch."""
     patch = Patch(BondedLayer(0.4999, 0.004), None, 0.006, 0.006, 0.0008)
     assert np.hypot(*patch.cells()).max() < 0.006
     assert patch.press(0.0).normal_n > 0.0

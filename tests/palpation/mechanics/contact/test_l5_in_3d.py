@@ -76,23 +76,16 @@ class InThreeDimensions:
 
 
 @functools.cache
-def measured(depth_m: float, *, fine: bool = False) -> InThreeDimensions:
-    """Interpolate the file by its share of L4's force, which is 1 at no indentation and smooth.
-
-    Args:
-        depth_m: Gel over the bead.
-        fine: Solve the axis anew on shorter facets than L5's; L5's forces there otherwise.
-    """
+def measured(depth_m: float) -> InThreeDimensions:
+    """Interpolate the file by its share of L4's force; the axis is solved on shorter facets than L5's."""
     model = model_at(depth_m)
     phantom = model.phantom
     small = HarmonicContact(phantom, TIP_M)
     bare = FiniteStrainContact(replace(phantom, bead=None), TIP_M)
     axis_m = np.array([0.0005, 0.001, 0.0015, 0.002, 0.0025, 0.003, 0.0035])
     axis_m = axis_m[axis_m <= model.indentation_max_m]
-    axis_n = model.force(ORIGIN, axis_m)[0]
-    if fine:
-        solid = pressed_solid(phantom, TIP_M, 0.0002)
-        axis_n = np.array([solid.press(float(at)) or np.nan for at in axis_m]) * phantom.modulus_pa
+    solid = pressed_solid(phantom, TIP_M, 0.0002)
+    axis_n = np.array([solid.press(float(at)) or np.nan for at in axis_m]) * phantom.modulus_pa
     forces = {0.0: (axis_m, axis_n)}
     for offset_m in sorted({row["offset_m"] for row in rows_at(depth_m)}):
         rows = sorted(
@@ -119,15 +112,13 @@ def measured(depth_m: float, *, fine: bool = False) -> InThreeDimensions:
     return InThreeDimensions(table, most_m, phantom.modulus_pa)
 
 
-def broken_bounds(
-    depth_m: float, modulus_pa: float, pressed_m: float, ring_m: float, *, fine: bool
-) -> list[str]:
-    """Return which of L5's bounds on peak and contrast a sweep breaks, in words.
+def broken_bounds(depth_m: float, modulus_pa: float, pressed_m: float, ring_m: float) -> list[str]:
+    """Return which of L5's bounds on peak and contrast a sweep breaks.
 
     From 8 mm of gel on the contrast is so small a share of the peak that what the elements themselves are
     off by counts.
     """
-    truth = replace(measured(depth_m, fine=fine), modulus_pa=modulus_pa)
+    truth = replace(measured(depth_m), modulus_pa=modulus_pa)
     phantom = Phantom(bead=Bead(depth_m=depth_m), modulus_pa=modulus_pa)
     scene = Scene(
         phantom=phantom,
@@ -189,22 +180,18 @@ def test_l2_and_l4_keep_their_bounds_on_the_normal_force_in_three_dimensions(dep
 @pytest.mark.slow
 @pytest.mark.parametrize("depth_m", [0.002, 0.004, 0.008, 0.012])
 def test_every_load_keeps_the_bounds_with_the_axis_solved_on_shorter_facets(depth_m: float) -> None:
-    assert [words for load in LOADS for words in broken_bounds(depth_m, *load, fine=True)] == []
+    assert [words for load in LOADS for words in broken_bounds(depth_m, *load)] == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("depth_m", "offset_m", "series"), [(0.004, 0.006, DEEP), (0.004, 0.003, SHALLOW)])
-def test_three_dimensions_solved_anew_give_what_the_file_says(
-    depth_m: float, offset_m: float, series: object
-) -> None:
-    assert series in (DEEP, SHALLOW)
-    chosen = DEEP if series == DEEP else SHALLOW
-    slab = slab_of(depth_m, offset_m, chosen)
+@pytest.mark.parametrize("name", ["deep", "shallow"])
+def test_the_file_is_what_three_dimensions_give(name: str) -> None:
+    offset_m, chosen = {"deep": (0.006, DEEP), "shallow": (0.003, SHALLOW)}[name]
     row = next(
-        row for row in rows_at(depth_m) if (row["offset_m"], row["facet_m"]) == (offset_m, chosen.facet_m)
+        row for row in rows_at(0.004) if (row["offset_m"], row["facet_m"]) == (offset_m, chosen.facet_m)
     )
     assert row["indentation_m"] == chosen.from_m
-    found = slab.press(chosen.from_m, chosen.step_m)
+    found = slab_of(0.004, offset_m, chosen).press(chosen.from_m, chosen.step_m)
     assert found is not None
     assert found.normal == pytest.approx(row["normal_m2"], rel=1e-4)
     assert found.lateral == pytest.approx(row["lateral_m2"], rel=1e-2)

@@ -1,4 +1,4 @@
-"""A thousand scenes that nobody should ask for: a valid answer or an error by name, never garbage."""
+"""A thousand absurd scenes: a valid answer or an error by name, never garbage."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EVERY_RUNG = ("", *CLOSED_FORM, "l4", "l5")
 
 
 def hostile_numbers(rng: np.random.Generator) -> dict[str, Any]:
-    """Return a scene's content as in its file, with numbers that nobody should give."""
+    """Return a scene's content as in its file, some of its numbers absurd."""
 
     def odd(*usual: float) -> float:
         wild = (0.0, -1.0, 1e-12, 1e12, math.nan, math.inf, -math.inf, 0.5, 1e-3, 0.4999999)

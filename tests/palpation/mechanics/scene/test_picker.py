@@ -65,7 +65,7 @@ LIVE = [one for one in RECORDS if chosen(one.scene)[0] == "l2" or one.index == 7
 
 
 def mistakes(scene: Scene, errors: Errors) -> list[str]:
-    """Return in words which bounds are not kept, and whether the chosen rung is less right than asked."""
+    """Return which bounds are not kept, and whether the chosen rung is less right than asked."""
     found = []
     for output, of in errors.items():
         quantities = asked_for(scene, output).quantities()
@@ -89,9 +89,8 @@ def test_the_chosen_rung_is_right_enough_and_stated_bounds_are_kept(one: Record)
 
 @pytest.mark.parametrize("one", LIVE, ids=lambda one: str(one.index))
 def test_the_chosen_rung_still_gives_what_is_on_record(
-    one: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    one: Record,
 ) -> None:
-    monkeypatch.setenv("PALP_CACHE", str(tmp_path / "cache"))
     rung, bound = chosen(one.scene)
     error = answer_error(answer(models(one.scene, rung), one.scene), one.answer, one.scene)
     assert error == pytest.approx(one.errors[one.scene.tolerance.output][rung], abs=0.1 * (bound or 0.0))
@@ -116,9 +115,8 @@ def normal_n(given: Sequence[ContactModel], scene: Scene, reach_m: float) -> Flo
 @pytest.mark.nightly
 @pytest.mark.parametrize("record", RECORDS, ids=lambda one: str(one.index))
 def test_random_scenes_worked_out_again_are_right_enough(
-    record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    record: Record,
 ) -> None:
-    monkeypatch.setenv("PALP_CACHE", str(tmp_path / "cache"))
     scene = record.scene
     fine = reference(scene)
     own = scene.tolerance.output

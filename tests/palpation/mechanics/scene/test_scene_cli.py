@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.rig import scene, study
-from palp_core.errors import MechanicsError, MethodError, PalpError
+from palp_core.errors import MethodError, PalpError
 from palp_core.palpation.studies.summary import pareto_front
 
 TEXT = """
@@ -30,32 +30,22 @@ def file(tmp_path: Path) -> str:
 def test_explain_says_rung_bound_evidence_cost_and_what_was_refused(file: str) -> None:
     result = CliRunner().invoke(scene.app, ["explain", file])
     assert result.exit_code == 0
-    for words in (
-        "rung l2",
-        "contrast within 8.5 %",
-        "evidence:",
-        "cost:",
-        "motion:",
-        "accurate enough, but more expensive",
-    ):
+    for words in ("rung l2", "contrast within 8.5 %", "evidence:", "cost:", "motion:", "but more expensive"):
         assert words in result.output
     told = json.loads(CliRunner().invoke(scene.app, ["explain", file, "--json"]).output)
     assert (told["rung"], told["bound"]) == ("l2", 0.085)
     assert {one["name"] for one in told["candidates"]} >= {"l0", "l2", "l4"}
 
 
-@pytest.mark.parametrize("rung", ["l0", "l2"])
-def test_run_gives_each_ring_with_any_rung(rung: str, file: str) -> None:
-    told = json.loads(CliRunner().invoke(scene.app, ["run", file, "--rung", rung, "--json"]).stdout)
-    assert told["rung"] == rung
-    assert np.shape(told["angle_rad"]) == (2, len(told["stage_m"]))
-    text = CliRunner().invoke(scene.app, ["run", file, "--rung", rung]).stdout
-    assert "contrast, N mm" in text
-
-
-def test_a_mistake_in_the_file_is_the_libraries_own_error(tmp_path: Path) -> None:
-    result = CliRunner().invoke(scene.app, ["run", str(tmp_path / "none.yaml")])
-    assert isinstance(result.exception, MechanicsError)
+def test_run_gives_each_ring_with_any_rung_and_refuses_an_unknown_one(file: str) -> None:
+    for rung in ("l0", "l2"):
+        shown = json.loads(CliRunner().invoke(scene.app, ["run", file, "--rung", rung, "--json"]).stdout)
+        assert shown["rung"] == rung
+        assert np.shape(shown["angle_rad"]) == (2, len(shown["stage_m"]))
+    assert "contrast, N mm" in CliRunner().invoke(scene.app, ["run", file, "--rung", "l2"]).stdout
+    refused = CliRunner().invoke(scene.app, ["run", file, "--rung", "l9"]).exception
+    assert isinstance(refused, MethodError)
+    assert "l4" in str(refused)
 
 
 def test_studies_are_listed_and_an_unknown_one_is_named(tmp_path: Path) -> None:
@@ -76,12 +66,6 @@ def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.
     assert "0 set-ups" in CliRunner().invoke(scene.app, ["cache"]).output
     assert json.loads(CliRunner().invoke(scene.app, ["cache", "--clear", "--json"]).output) == {"removed": 0}
     assert "0 set-ups removed" in CliRunner().invoke(scene.app, ["cache", "--clear"]).output
-
-
-def test_a_rung_that_is_not_in_the_register_is_refused_with_those_that_are(file: str) -> None:
-    refused = CliRunner().invoke(scene.app, ["run", file, "--rung", "l9"]).exception
-    assert isinstance(refused, MethodError)
-    assert "l4" in str(refused)
 
 
 def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:

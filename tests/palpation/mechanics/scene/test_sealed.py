@@ -1,4 +1,4 @@
-"""Sealed phantoms: codes that nobody can draw again, and a key that nothing opens by accident."""
+"""Sealed phantoms: codes that cannot be drawn again, and a key that nothing opens by accident."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_pipe_in_the_place_of_phantoms_is_refused_and_not_waited_for(tmp_path:
         load_phantoms(str(pipe))
 
 
-def test_whoever_comes_second_finds_the_codes_of_the_first(tmp_path: Path) -> None:
+def test_sealing_again_gives_the_codes_of_the_first_time(tmp_path: Path) -> None:
     first = seal(tmp_path / "key", PHANTOMS)
     assert seal(tmp_path / "key", PHANTOMS) == first
     with pytest.raises(MechanicsError, match="exists; a key is drawn once"):
@@ -58,11 +58,11 @@ def test_whoever_comes_second_finds_the_codes_of_the_first(tmp_path: Path) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["key"]
 
 
-def test_the_place_of_a_phantom_among_the_codes_is_drawn_anew_whatever_the_seed(tmp_path: Path) -> None:
+def test_the_place_of_a_phantom_among_the_codes_does_not_follow_a_seed(tmp_path: Path) -> None:
     places: Counter[int] = Counter()
     for number in range(100):
         random.seed(1)
-        np.random.seed(1)  # noqa: NPY002 - whoever draws from it must not be followed
+        np.random.seed(1)  # noqa: NPY002 - a global seed must not be followed
         given = seal(tmp_path / f"key{number}", PHANTOMS)
         places[sorted(given, key=str).index(next(code for code, own in given.items() if own == "A"))] += 1
     assert 20 < places[0] < 80  # six standard deviations of a fair coin
