@@ -114,7 +114,7 @@ def fit(
     found = fit_gel(read_sessions(outs), read_scene(scene) if scene else Scene())
     modulus, friction = found.modulus_pa, found.friction
     show(
-        {"modulus_pa": modulus._asdict(), "friction": friction._asdict(), "misfit": found.misfit},
+        {"modulus_pa": vars(modulus), "friction": vars(friction), "misfit": found.misfit},
         [
             f"modulus: {modulus.value:.4g} Pa (95 %: {modulus.low:.4g} to {modulus.high:.4g})",
             f"friction: {friction.value:.3f} (95 %: {friction.low:.3f} to {friction.high:.3f})",

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -14,6 +13,7 @@ from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.statistics.statistics import Interval
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.session.repeatability import sample_noise
 from palp_core.units import Float64Array
@@ -26,17 +26,9 @@ _NUMERICS_N_M = 2e-6  # error of the tables' interpolation (assumed)
 _LOW, _HIGH = np.array([np.log(1e3), 0.01]), np.array([np.log(2e5), 1.5])  # ln(modulus in Pa), friction
 
 
-class Interval(NamedTuple):
-    """An estimate with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
 @dataclass(frozen=True)
 class GelFit:
-    """What recorded sweeps show of a gel."""
+    """What recorded sweeps show of a gel, with 95 % intervals."""
 
     modulus_pa: Interval
     friction: Interval

@@ -17,7 +17,8 @@ from palp_core.palpation.mechanics.phantom import Bead
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
-from palp_core.palpation.perception.statistics.variance_components import Block, Estimate, estimate
+from palp_core.palpation.perception.statistics.statistics import Interval
+from palp_core.palpation.perception.statistics.variance_components import Block, estimate
 from palp_core.palpation.reporting.html_page import write_page
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.plan_repeatability import CONDITIONS
@@ -109,7 +110,7 @@ def _cause(
     return ("hour", 1.0) if phase == "hour" else ("", 0.0)
 
 
-def _component(found: Estimate, factor: float = 1.0) -> Component:
+def _component(found: Interval, factor: float = 1.0) -> Component:
     high = factor * found.high
     return Component(factor * found.value, factor * found.low, high if np.isfinite(high) else None)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -12,19 +11,15 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import is_recording
-from palp_core.palpation.identification.emg.muscles import ImportOptions
-from palp_core.palpation.identification.emg.trial import (
-    EmgTrial,
-    run_trial,
-    series_rows,
-    trial_record,
-)
+from palp_core.palpation.identification.emg.muscles import MUSCLES, ImportOptions
+from palp_core.palpation.identification.emg.trial import EmgTrial, run_trial, trial_record
 from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
 from palp_core.palpation.reporting.table import write_csv
-from palp_core.whole_file import write_whole
+from palp_core.units import Float64Array
+from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,8 +76,7 @@ def write_batch(records: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
 def trial_chart(trial: EmgTrial) -> Chart:
     """Return the chart; its numbers are the peaks."""
     result, rate_hz = trial.analysis, trial.settings.rate_hz
-    times_s = np.arange(result.cocontraction.size) / rate_hz
-    shown = np.where(result.trusted, result.cocontraction, np.nan)
+    times_s, shown = _shown(trial)
     peaks = [(peak.index / rate_hz, peak.value) for peak in result.peaks]
     levels = [int(level) + 1 for level in result.levels.index]
 
@@ -116,11 +110,21 @@ def write_trial(trial: EmgTrial, out: Path) -> dict[str, Any]:
     record = {"subject": "", "phase": "", "trial": trial.path.stem, "error": None, **trial_record(trial)}
     shown = picture(trial_chart(trial), out)
     _write(out, [record], record, f"EMG of {trial.path.name}", shown)
-    heading, rows = series_rows(trial)
+    result = trial.analysis
+    times_s, shown_values = _shown(trial)
+    muscles = [f"{name}_of_mvc" for name in MUSCLES[: len(result.normalised)]]
     with (out / "series.csv").open("w", encoding="utf-8", newline="") as file:
-        file.write(",".join(heading) + "\n")
-        np.savetxt(file, np.array(rows), fmt="%.9g", delimiter=",")
+        file.write(",".join(["time_s", *muscles, "cocontraction"]) + "\n")
+        rows = np.column_stack([times_s, *result.normalised, shown_values])
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",")
     return record
+
+
+def _shown(trial: EmgTrial) -> tuple[Float64Array, Float64Array]:
+    """Return times and co-contraction; NaN where samples were lost."""
+    result = trial.analysis
+    times_s = np.arange(result.cocontraction.size) / trial.settings.rate_hz
+    return times_s, np.where(result.trusted, result.cocontraction, np.nan)
 
 
 def _write(
@@ -133,8 +137,7 @@ def _write(
     out.mkdir(parents=True, exist_ok=True)
     cells = [[_cell(record.get(name)) for name in COLUMNS] for record in records]
     write_csv(out / "quality.csv", COLUMNS, cells)
-    text = json.dumps(result, indent=1, allow_nan=False)
-    write_whole(out / "quality.json", text + "\n")
+    write_json(out / "quality.json", result)
     counts = Counter(flag for record in records for flag in record["flags"])
     write_page(
         out / "quality.html",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,6 @@ from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile,
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.perception.strategy.markov_posterior import (
     ChainSummary,
-    CredibleInterval,
     fit_chain,
     summarise,
 )
@@ -226,12 +225,12 @@ def _chain_record(one: FittedChain) -> dict[str, Any]:
         "low": summary.low.tolist(),
         "high": summary.high.tolist(),
         "eigenvalues": [
-            {"real": value.real, "imaginary": value.imag, "modulus": _ends(modulus)}
+            {"real": value.real, "imaginary": value.imag, "modulus": asdict(modulus)}
             for value, modulus in zip(summary.eigenvalues, summary.moduli, strict=True)
         ],
-        "relaxation_time_steps": _ends(summary.relaxation_time),
-        "kemeny_steps": _ends(summary.kemeny),
-        "stationary": [_ends(share) for share in summary.stationary],
+        "relaxation_time_steps": asdict(summary.relaxation_time),
+        "kemeny_steps": asdict(summary.kemeny),
+        "stationary": [asdict(share) for share in summary.stationary],
         "observed": {
             "levels_never_visited": [level + 1 for level in seen.never_visited],
             "levels_never_left": [level + 1 for level in seen.never_left],
@@ -240,10 +239,6 @@ def _chain_record(one: FittedChain) -> dict[str, Any]:
             "period": seen.structure.period if seen.structure else 0,
         },
     }
-
-
-def _ends(interval: CredibleInterval) -> dict[str, float]:
-    return {"value": interval.value, "low": interval.low, "high": interval.high}
 
 
 _SCALE_END = 0.6  # of the published Figure 5; a chain with a larger entry gets its own

@@ -33,10 +33,7 @@ class EmgTrial:
     mvc_path: Path  # The MVC's file; the trial's own where it has that phase
     muscles: Muscles  # The trial's muscles, and where rate, unit and columns stand
     settings: EmgSettings  # How it was analysed
-    samples: Float64Array  # Raw EMG of the trial, shape (muscles, n), NaN where lost; one muscle or two
-    effort: Float64Array  # Raw EMG of the MVC, shape (muscles, m), the same unit
     analysis: EmgAnalysis  # What came out
-    notes: tuple[str, ...]  # What a reader ought to know
 
 
 def run_trial(
@@ -62,7 +59,7 @@ def run_trial(
         result = analyse(used, effort, rated, rest=quiet)
     except PerceptionError as error:
         raise PerceptionError(f"{path} with MVC {effort_path}: {error}") from error
-    return EmgTrial(path, effort_path, trial, rated, used, effort, result, trial.notes)
+    return EmgTrial(path, effort_path, trial, rated, result)
 
 
 def _alike(other: Muscles, trial: Muscles, phase: str) -> Float64Array:
@@ -196,7 +193,7 @@ def trial_record(trial: EmgTrial) -> dict[str, Any]:
         "above_mvc": result.above_mvc_count,
         "clamped": result.levels.clamped_low_count + result.levels.clamped_high_count,
         "flags": list(result.flags),
-        "notes": list(trial.notes),
+        "notes": list(trial.muscles.notes),
     }
 
 
@@ -210,16 +207,6 @@ def settings_record(settings: EmgSettings) -> dict[str, Any]:
         "level_rule": settings.level_rule,
         **asdict(settings.bursts),
     }
-
-
-def series_rows(trial: EmgTrial) -> tuple[list[str], list[list[float]]]:
-    """Return heading and rows of a trial's time series; co-contraction is empty where samples were lost."""
-    result = trial.analysis
-    times_s = np.arange(result.cocontraction.size) / trial.settings.rate_hz
-    shown = np.where(result.trusted, result.cocontraction, np.nan)
-    table = np.column_stack([times_s, *result.normalised, shown])
-    muscles_named = [f"{name}_of_mvc" for name in MUSCLES[: len(result.normalised)]]
-    return ["time_s", *muscles_named, "cocontraction"], table.tolist()
 
 
 def _finite(value: Any) -> float | None:

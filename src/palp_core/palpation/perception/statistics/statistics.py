@@ -16,6 +16,15 @@ from palp_core.units import Float64Array
 
 
 @dataclass(frozen=True)
+class Interval:
+    """An estimate with its interval; an end that the data do not set is infinite."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Proportion:
     """A share with its interval."""
 

@@ -17,6 +17,7 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import chi2
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.statistics.statistics import Interval
 from palp_core.units import Float64Array
 
 
@@ -29,17 +30,11 @@ class Block:
     groups: tuple[Float64Array, ...]  # Readings of each group
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A standard deviation with its interval; the upper end is infinite where the readings set none."""
+def estimate(blocks: Sequence[Block], *, confidence: float = 0.95) -> dict[str, Interval]:
+    """Return the standard deviation of each cause, and of single readings under the key ``""``.
 
-    value: float
-    low: float
-    high: float
-
-
-def estimate(blocks: Sequence[Block], *, confidence: float = 0.95) -> dict[str, Estimate]:
-    """Return the standard deviation of each cause, and of single readings under the key ``""``."""
+    The upper end is infinite where the readings set none.
+    """
     causes = sorted({block.cause for block in blocks if block.cause})
     if not any(group.size > 1 for block in blocks for group in block.groups):
         raise PerceptionError("no group has two readings; repeat sweeps without touching anything")
@@ -65,7 +60,7 @@ def estimate(blocks: Sequence[Block], *, confidence: float = 0.95) -> dict[str, 
         low, high = _profile(deviance, best, place, limit)
         value = best[0][place]
         ends = np.exp([value, low, high]) if place == 0 else np.array([abs(value), low, high])
-        found[name] = Estimate(*(float(end) * float(units[place]) for end in ends))
+        found[name] = Interval(*(float(end) * float(units[place]) for end in ends))
     return found
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.statistics.statistics import Interval
 from palp_core.palpation.perception.strategy.markov import (
     Structure,
     count_transitions,
@@ -26,15 +27,6 @@ from palp_core.palpation.perception.strategy.markov import (
     transition_matrix,
 )
 from palp_core.units import Float64Array
-
-
-@dataclass(frozen=True)
-class CredibleInterval:
-    """A value with its credible interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +104,10 @@ class ChainSummary:
     low: Float64Array  # Lower end of each entry's interval
     high: Float64Array  # Upper end
     eigenvalues: tuple[complex, ...]  # Of the mean matrix, largest modulus first, complex where they are
-    moduli: tuple[CredibleInterval, ...]  # Modulus of each, in that order, the unit one first
-    relaxation_time: CredibleInterval  # Steps
-    kemeny: CredibleInterval  # Kemeny's constant, steps
-    stationary: tuple[CredibleInterval, ...]  # Share of each level in the long run
+    moduli: tuple[Interval, ...]  # Modulus of each, in that order, the unit one first
+    relaxation_time: Interval  # Steps
+    kemeny: Interval  # Kemeny's constant, steps
+    stationary: tuple[Interval, ...]  # Share of each level in the long run
     observed: Observed  # What the seen transitions alone allow
     mass: float  # Probability inside the intervals
 
@@ -147,11 +139,9 @@ def summarise(
     rest = spectra[:, 1:]
     tails = [(1.0 - mass) / 2.0, (1.0 + mass) / 2.0]
 
-    def spread(mean: Float64Array, of_draws: Float64Array) -> tuple[CredibleInterval, ...]:
+    def spread(mean: Float64Array, of_draws: Float64Array) -> tuple[Interval, ...]:
         ends = np.quantile(of_draws, tails, axis=0)
-        return tuple(
-            CredibleInterval(float(v), float(a), float(b)) for v, a, b in zip(mean, *ends, strict=True)
-        )
+        return tuple(Interval(float(v), float(a), float(b)) for v, a, b in zip(mean, *ends, strict=True))
 
     mixing = 1.0 / (1.0 - np.abs(rest).max(axis=1, initial=0.0))
     times = np.column_stack([mixing, (1.0 / (1.0 - rest)).sum(axis=1).real])
