@@ -58,7 +58,7 @@ def test_the_summary_is_that_of_the_mean_matrix() -> None:
     assert [abs(v) for v in found.eigenvalues] == pytest.approx([one.value for one in found.moduli])
     assert sum(one.value for one in found.stationary) == pytest.approx(1.0)
     assert found.observed.structure is not None
-    assert found.observed.structure.mixes
+    assert (found.observed.structure.closed_class_count, found.observed.structure.period) == (1, 1)
 
 
 def test_what_was_seen_tells_reducible_and_stuck_levels_where_the_prior_hides_them() -> None:

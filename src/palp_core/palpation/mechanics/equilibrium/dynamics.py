@@ -100,7 +100,6 @@ def tanh_explicit(slip: Slip) -> Float64Array:
 class DynamicSweep:
     """Joints at several ring positions along one sweep in time; arrays have the shape (rings, steps)."""
 
-    time_s: Float64Array  # Shape (steps,)
     stage_m: Float64Array  # Stage position Y, shape (steps,)
     angle_rad: Float64Array  # Joint angle q, positive where the tip lags a sweep towards +Y
     torque_n_m: Float64Array  # Torque of the sensor
@@ -207,7 +206,6 @@ def simulate(
     time_s: Float64Array = dt * np.arange(1, count + 1, dtype=np.float64)
     angle_rad, torque_n_m, normal_n, slip_m_s = out
     return DynamicSweep(
-        time_s,
         from_m + direction * speed_m_s * time_s,
         direction * angle_rad,
         direction * torque_n_m,

@@ -39,8 +39,3 @@ def posterior(log_belief: Float64Array) -> Float64Array:
     """Return the probabilities of a log belief, shape (m,), summing to 1."""
     weights = np.exp(log_belief - log_belief.max())
     return np.asarray(weights / weights.sum())
-
-
-def expected_depth_m(probabilities: Float64Array, depths_m: Float64Array) -> float:
-    """Return the posterior mean depth, m."""
-    return float(probabilities @ depths_m)

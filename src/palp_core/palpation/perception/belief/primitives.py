@@ -120,10 +120,6 @@ class Primitives:
             floor=self.floor,
         )
 
-    def to_json_dict(self) -> dict[str, Any]:
-        """Return plain lists and floats; JSON keeps every bit of them."""
-        return {one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(self)}
-
     @classmethod
     def from_rows(cls, flat: Mapping[str, Sequence[float]]) -> Primitives:
         """Return the primitives of the fields as flat lists, row by row, as messages and states hold them.
@@ -144,7 +140,7 @@ class Primitives:
 
     @classmethod
     def from_json_dict(cls, data: Mapping[str, Any]) -> Primitives:
-        """Return the primitives that :meth:`to_json_dict` described.
+        """Return the primitives of the fields as nested lists; JSON keeps every bit of them.
 
         Raises:
             PerceptionError: A key is missing or unknown, or the values do not fit together.

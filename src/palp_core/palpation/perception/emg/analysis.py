@@ -93,7 +93,6 @@ class EmgAnalysis:
     mvc_ratio: float  # Envelope at MVC over that at rest, of the muscle where it is least
     above_mvc_count: int  # Trusted values of co-contraction above 1
     quality: tuple[SampleQuality, ...]  # Of each muscle's trial
-    mvc_quality: tuple[SampleQuality, ...]  # Of each muscle's MVC
     # What is wrong: a flag of a trial's sample quality, the same with `mvc_` before it, and `no_rest`
     # (silent, so nothing to hold the MVC against), `mvc_too_small`, `above_mvc`, `level_clamped`
     flags: tuple[str, ...]
@@ -179,7 +178,6 @@ def analyse(
         mvc_ratio=ratio,
         above_mvc_count=above,
         quality=of_trial,
-        mvc_quality=of_mvc,
         flags=tuple(flag for flag, is_so in wrong.items() if is_so),
     )
 

@@ -76,11 +76,6 @@ class Structure:
     irreducible: bool  # Whether every level can be reached from every other
     period: int  # Greatest common divisor of the lengths of all loops in the closed classes; 1 is aperiodic
 
-    @property
-    def mixes(self) -> bool:
-        """Whether every start ends in one and the same stationary law."""
-        return self.closed_class_count == 1 and self.period == 1
-
 
 def structure(matrix: Float64Array) -> Structure:
     """Return the chain's closed classes and period."""

@@ -40,11 +40,6 @@ class PositionBins:
         count = int((abs(to_m - from_m) + 1e-9) // width_m)
         return cls(from_m, width_m if to_m >= from_m else -width_m, count)
 
-    @property
-    def middle_m(self) -> Float64Array:
-        """Stage position in the middle of each, shape (count,)."""
-        return np.asarray(self.from_m + self.width_m * (np.arange(self.count) + 0.5))
-
     def index(self, position_m: Float64Array) -> Int64Array:
         """Return the bin of each position, below 0 or ``count`` and more for those outside."""
         found = np.floor((np.asarray(position_m) - self.from_m) / self.width_m + 1e-9)
