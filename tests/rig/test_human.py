@@ -116,7 +116,7 @@ def test_a_simulated_person_has_no_accuracy_in_any_file(study: list[Path]) -> No
 
 def test_what_they_did_becomes_chains_that_the_policy_follows(study: list[Path], tmp_path: Path) -> None:
     sources = [EmgRecordingPath(folder) for folder in study]
-    found = fit(sources, None, ImportOptions(), EmgSettings(), np.random.default_rng(1), tell=pytest.fail)
+    found = fit(sources, None, ImportOptions(), EmgSettings(), np.random.default_rng(1), report=pytest.fail)
     assert [(one.depth_m, one.trial_count) for one in found.chains] == [
         (None, 18),
         (0.002, 6),

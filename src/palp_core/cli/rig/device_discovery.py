@@ -78,7 +78,7 @@ def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict
 
 
 def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
-    """Return which parameters nobody has checked on the device, and what is to be checked of each."""
+    """Return which parameters were not checked on the device, and what is to be checked of each."""
     driver: Any = open_device(kind_of(device), device, **options)  # type: ignore[call-overload]
     return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
 

@@ -19,7 +19,7 @@ MOVES = {
     "stage": "the stage moves up to 20 mm to either side of y = 0, and raises and lowers the probe",
     "ring": "the ring moves up to 10 mm",
 }
-"""What the contract of a kind moves, in words."""
+"""What the contract of a kind moves."""
 DeviceArgument = Annotated[str, argument("Its name, as list prints it, or a driver: MODULE:CLASS.", "DEVICE")]
 OptionsArgument = Annotated[
     list[str] | None, argument("Options of its driver, as in a launch file.", "[name:=value]...")
@@ -162,7 +162,7 @@ def contract(
     *,
     moves: Annotated[bool, option("It may move, as far as is printed without this.", "--moves")] = False,
     simulated: Annotated[
-        bool, option("It goes by the time it is given, not by the machine's.", "--sim")
+        bool, option("It follows the time it is given, not the machine's.", "--sim")
     ] = False,
     patience: Annotated[float, option("Longest wait for what it does.", metavar="S", min=1.0)] = 60.0,
     as_json: JsonOption = False,

@@ -188,7 +188,7 @@ def fit_policy(
         np.random.default_rng(seed),
         prior_count=prior,
         mass=mass,
-        tell=note,
+        report=note,
     )
     record = markov_fit.write_fit(found, out) if out is not None else markov_fit.fit_record(found)
     if as_json:

@@ -50,7 +50,7 @@ _RIG: _Ranges = {
     "probe_count": (15.0, 15.0),
     "outlier_share": (0.0, 0.0),
 }
-"""The published rig, but for how it lands and stands."""
+"""The published rig, but for how it lands and is mounted."""
 _LANDS_M = 0.175e-3
 """Largest spread of a landing: the published +-0.3 mm, read as uniform."""
 

@@ -1,1 +1,1 @@
-"""What real phantoms and probes have beside the paper's design: texture, wear, spread, a run-in."""
+"""What real phantoms and probes have on top of the paper's design: texture, wear, spread, a run-in."""

@@ -146,7 +146,7 @@ class Dragged:
     # way of the stage until the tip broke loose, shape (n,); 0 without a run-in, beyond the path's length if
     # it never did
     loose_m: Float64Array
-    guards: tuple[str, ...] = ()  # what the solver met in a nominal sweep, in words
+    guards: tuple[str, ...] = ()  # what the solver met in a nominal sweep
 
 
 def drag(

@@ -123,7 +123,7 @@ def together(*parts: Float64Array) -> Float64Array:
 class SessionDraws:
     """What a session, its phantoms, mountings and sweeps are off by.
 
-    Nothing is kept between calls, so that whoever takes a node's place needs the seed alone.
+    Nothing is kept between calls, so that a node's successor needs the seed alone.
     """
 
     world: WorldModel  # what is on
@@ -233,7 +233,7 @@ class SessionWorld:
         self, code: str, mounting: int, ring_m: float, height_m: float, path_m: float
     ) -> SessionSweeps:
         """Return the sweeps of a mounting and ring."""
-        if not self._touches:  # all at once, and in an order that tells nothing of the one that is on
+        if not self._touches:  # all at once, and in an order that shows nothing of the one that is on
             self._touches = {one: self._touch(one) for one in self.rig.by_depth}
         row = self.row(code, mounting, height_m, path_m)
         surface = self.draws.track(mounting)

@@ -32,7 +32,7 @@ class WorldModel:
     """What differs between sweeps, mountings, phantoms and sessions, SI; 0 is the paper's own design.
 
     Spreads are standard deviations of normal numbers, relative where they have the unit 1. :func:`basis`
-    tells on what each value of a world rests.
+    has the source of each value of a world.
 
     Attributes:
         name: ``paper``, ``lab``, or the file that it was read from.
@@ -125,7 +125,7 @@ LEAST_LENGTH_M = 1.5e-3
 """Shortest correlation length of a texture: half of the contact's radius, which smooths what is finer."""
 
 PAPER = WorldModel()
-"""The paper's own design: nothing beside the ring's error and the height of a mounting."""
+"""The paper's own design: nothing but the ring's error and the height of a mounting."""
 
 LAB = WorldModel(
     name="lab",
@@ -150,7 +150,7 @@ LAB = WorldModel(
     static_friction_excess=0.05,
 )
 """All of it on. A texture of 0.2 N mm is in the middle (geometric) of 0.05 to 0.5 N mm: thirteen steps of the
-sensor, a fifth of what tells 4 from 8 mm of gel apart at a ring of 16 mm."""
+sensor, a fifth of the difference between 4 and 8 mm of gel at a ring of 16 mm."""
 
 WORLDS = {world.name: world for world in (PAPER, LAB)}
 

@@ -1,4 +1,4 @@
-"""Where a sliding tip sticks and slips by turns, how often and how far: one cycle beside its equilibrium.
+"""Where a sliding tip sticks and slips by turns, how often and how far: one cycle next to its equilibrium.
 
 With x the angle's distance from the sliding equilibrium, w = v / (L cos q + r_tip) the rate at which a
 sticking tip turns the joint, and k the slope of the moment that pushes it back, a tip that broke loose moves
@@ -24,7 +24,7 @@ from palp_core.units import Float64Array
 PHASES = 64
 """Samples of a cycle."""
 SWAMPS = 0.5
-"""Of what the sweep rises over its base: a swing beyond it is said to swamp the signal."""
+"""Of what the sweep rises over its base: a swing beyond it swamps the signal."""
 _STEP_RAD = 1e-5
 _TIMES = 200
 

@@ -96,9 +96,9 @@ def trace(
     found = drag(touch, rows, rings_m, indentation_m, stage_m, run_in=run_in)
     joints = joints_of(touch, rows, rings_m, indentation_m, 1.0 if to_m > from_m else -1.0)
     cycles = stick_slip(joints, found, world.static_friction_excess, speed_m_s)
-    said = swamped(found, cycles)
+    note = swamped(found, cycles)
     return WorldTrace(
-        solved=_solved(found, (said,) if said else ()),
+        solved=_solved(found, (note,) if note else ()),
         run_in_m=float(found.loose_m[0]),
         hertz=float(cycles.hertz.max()),
         _world=world,

@@ -70,13 +70,13 @@ def test_seconds_are_those_of_the_moves() -> None:
 def test_a_history_of_readings_is_as_good_as_the_belief() -> None:
     one = policy(0.5)
     found = after_one_probe(one)
-    told = belief_after(one.model, [TrialReading(0.5, 1, True)]).with_classes(found.posterior)
-    choice = one.step(RingChoice.at(1), told, RANDOM)
+    read = belief_after(one.model, [TrialReading(0.5, 1, True)]).with_classes(found.posterior)
+    choice = one.step(RingChoice.at(1), read, RANDOM)
     assert where(choice) == where(one.step(RingChoice.at(1), found, RANDOM))
     assert choice.renew
 
 
-def test_reposition_lands_anew_before_every_probe_but_the_first() -> None:
+def test_reposition_lands_again_before_every_probe_but_the_first() -> None:
     one = Reposition(0.012)
     first = one.start(RANDOM)
     assert not first.renew
@@ -86,10 +86,10 @@ def test_reposition_lands_anew_before_every_probe_but_the_first() -> None:
 
 def test_the_persons_level_is_followed_and_kept_in_a_pause() -> None:
     assert EmgDriven().start(RANDOM).level == 2
-    assert EmgDriven(heard=4).step(RingChoice.at(1), NOTHING_FELT, RANDOM).level == 4
+    assert EmgDriven(latest=4).step(RingChoice.at(1), NOTHING_FELT, RANDOM).level == 4
     assert EmgDriven().step(RingChoice.at(1), NOTHING_FELT, RANDOM).level == 1
 
 
 def test_a_level_without_a_ring_position_is_refused() -> None:
     with pytest.raises(PerceptionError, match="level 5 has no ring position"):
-        EmgDriven(heard=5)
+        EmgDriven(latest=5)

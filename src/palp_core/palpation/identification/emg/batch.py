@@ -37,7 +37,7 @@ def run_folder(
     mvc: Path | None,
     options: ImportOptions,
     settings: EmgSettings,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     skip: Collection[Path] = (),
 ) -> list[dict[str, Any]]:
     """Analyse every trial of ``folder/subject/phase/trial``.
@@ -59,7 +59,7 @@ def run_folder(
                     trial = run_trial(path, mvc or efforts["mvc"], options, settings, efforts["rest"])
                     records.append({**place, "error": None, **trial_record(trial)})
                 except PalpError as error:
-                    tell(f"{path}: {error}" if str(path) not in str(error) else str(error))
+                    report(f"{path}: {error}" if str(path) not in str(error) else str(error))
                     records.append({**place, "error": str(error), "file": str(path), "flags": ["failed"]})
     if not records:
         raise PalpError(f"{folder}: no recording at subject/phase/trial below it")

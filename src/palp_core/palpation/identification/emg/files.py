@@ -39,9 +39,9 @@ class EmgFile:
     notes: tuple[str, ...] = ()  # What a reader of the numbers ought to know
     # Time of the first sample on the clock of its run; 0 where the file has no such clock
     begin_s: float = 0.0
-    rate_from: str = "the file"  # Where the field of the sampling rate stands, as `key 'fs'`
+    rate_from: str = "the file"  # Source of the sampling rate, as `key 'fs'`
     lines: Sequence[int] = ()  # Line of the file of each sample; empty where the format has no lines
-    # Lines of free text that speak of a rate; nobody believes them, errors quote them
+    # Lines of free text that speak of a rate; none is believed, errors quote them
     hints: tuple[str, ...] = ()
 
     def label(self, index: int) -> str:
@@ -50,7 +50,7 @@ class EmgFile:
         return f"{index} '{column.name}'" + (f" [{column.unit}]" if column.unit else "")
 
     def place(self, sample: int) -> str:
-        """Return where a sample stands in the file."""
+        """Return the place of a sample in the file."""
         return f"line {self.lines[sample]}" if len(self.lines) else f"sample {sample}"
 
 
@@ -129,7 +129,7 @@ def read_emg(path: Path) -> EmgFile:
 
 
 def plain_unit(text: str) -> str:
-    """Return a unit in one spelling, or as it stands where it is not a known one.
+    """Return a unit in one spelling, or as it is where it is not a known one.
 
     Both characters for micro are ``u``, and so is what UTF-8 read as Latin-1 makes of them.
 

@@ -145,7 +145,7 @@ def _parsers(rows: Sequence[Sequence[str]], dialect: _Dialect) -> list[_Parser]:
 
 
 def _cause(lines: Sequence[_Line]) -> str:
-    """Return the cell that is no number in a line of which most are, and where it stands."""
+    """Return the cell that is no number in a line of which most are, and its place."""
     found: dict[int, str] = {}
     for number, line in lines[min(len(lines), _PREAMBLE) // 2 :][:1]:
         for dialect in _DIALECTS:

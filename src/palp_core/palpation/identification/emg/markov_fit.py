@@ -101,7 +101,7 @@ def fit(
     *,
     prior_count: float = 0.5,
     mass: float = 0.95,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> StrategyFit:
     """Analyse recordings and learn the chains; no transition spans two trials or a gap."""
     records: list[dict[str, Any]] = []
@@ -110,9 +110,9 @@ def fit(
         if places.count(source.path.resolve()) > 1:
             raise PalpError(f"{source.path}: named twice; a trial counts once")
         if is_human_session(source.path):
-            found = _of_session(source.path, mvc, options, settings, tell)
+            found = _of_session(source.path, mvc, options, settings, report)
         elif source.path.is_dir() and not is_recording(source.path):
-            found = run_folder(source.path, mvc, options, settings, tell)
+            found = run_folder(source.path, mvc, options, settings, report)
         else:
             found = [{"error": None, **trial_record(run_trial(source.path, mvc, options, settings))}]
         stated = {} if source.depth_m is None else {"depth_m": source.depth_m}
@@ -128,30 +128,34 @@ def fit(
                 _chain(depth_m, [one for one in good if one["depth_m"] == depth_m], rng, prior_count, mass)
             )
         except PalpError as error:
-            tell(f"{depth_m * 1e3:g} mm: {error}")
+            report(f"{depth_m * 1e3:g} mm: {error}")
     return StrategyFit(tuple(chains), tuple(records), settings, prior_count)
 
 
 def _of_session(
-    folder: Path, mvc: Path | None, options: ImportOptions, settings: EmgSettings, tell: Callable[[str], None]
+    folder: Path,
+    mvc: Path | None,
+    options: ImportOptions,
+    settings: EmgSettings,
+    report: Callable[[str], None],
 ) -> list[dict[str, Any]]:
     """Return the trials of a session with a person, each with the depth that its table has."""
     skip, depths_m = emg_that_does_not_count(folder), emg_depths(folder)
-    found = run_folder(folder / EMG, mvc, options, settings, tell, skip=skip)
-    told = [{**one, "depth_m": depths_m.get(Path(one["file"]))} for one in found]
-    if sealed := sum(one["depth_m"] is None for one in told):
-        tell(
+    found = run_folder(folder / EMG, mvc, options, settings, report, skip=skip)
+    trials = [{**one, "depth_m": depths_m.get(Path(one["file"]))} for one in found]
+    if sealed := sum(one["depth_m"] is None for one in trials):
+        report(
             f"{folder}: the depth of {sealed} trials is sealed: of these the chain of all depths alone learns"
         )
-    return told
+    return trials
 
 
 def _named_depth_m(record: dict[str, Any]) -> float | None:
     """Return the depth that a trial's name or its phase's folder names, as ``2mm``."""
     for name in (Path(record["file"]).stem, str(record.get("phase", ""))):
-        said = re.findall(r"(?<![\d.])(\d+(?:\.\d+)?)\s*mm(?![a-z])", name.lower())
-        if len(said) == 1:
-            return float(said[0]) / 1e3
+        stated = re.findall(r"(?<![\d.])(\d+(?:\.\d+)?)\s*mm(?![a-z])", name.lower())
+        if len(stated) == 1:
+            return float(stated[0]) / 1e3
     return None
 
 
@@ -282,7 +286,7 @@ def _matrices_chart(found: StrategyFit) -> Chart:
     return Chart(
         "matrices",
         "Transition matrices",
-        "Posterior mean of M[next, present]; the table beside has every entry's interval.",
+        "Posterior mean of M[next, present]; the table has every entry's interval.",
         3.2,
         ("depth_mm", "next", "present", "count", "mean", "low", "high"),
         [row for one in found.chains for row in _entries(one)],

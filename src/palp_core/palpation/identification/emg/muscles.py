@@ -60,18 +60,18 @@ class ImportOptions:
 
 @dataclass(frozen=True, eq=False)
 class Muscles:
-    """The muscles of a file on an even grid, and where each fact about them stands.
+    """The muscles of a file on an even grid, and the source of each fact about them.
 
     Attributes:
         file: The file.
         indices: Columns of flexor and, if there is one, extensor.
         samples: Shape (muscles, n), in ``unit``; NaN where a sample was lost.
         rate_hz: Sampling rate.
-        unit: ``V`` for any voltage, another unit as it stands, or empty.
+        unit: ``V`` for any voltage, another unit as in the file, or empty.
         time: The time column; empty if there is none.
         columns_from: How the columns were chosen.
-        rate_from: Where the rate stands.
-        unit_from: Where the unit stands.
+        rate_from: Source of the rate.
+        unit_from: Source of the unit.
         notes: What a reader of the numbers ought to know, of the file and of the choice.
     """
 
@@ -291,7 +291,7 @@ def _clock(file: EmgFile, index: int) -> _Clock | None:
 def _rate(
     file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock | None], fs_hz: float | None
 ) -> tuple[float, str]:
-    """Return the rate and where it stands; all statements of it must agree."""
+    """Return the rate and its source; all statements of it must agree."""
     fields = [(file.rate_from, one.rate_hz, 0.0) for one in columns if one.rate_hz is not None]
     fields += [("--fs", fs_hz, 0.0)] if fs_hz is not None else []
     own: list[tuple[str, float, float]] = []
@@ -363,7 +363,7 @@ def _on_grid(file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock |
 def _unit(
     file: EmgFile, columns: Sequence[Column], stated: str | None
 ) -> tuple[list[float], str, str, list[str]]:
-    """Return each column's factor, the unit after it, where it stands, and notes."""
+    """Return each column's factor, the unit after it, its source, and notes."""
     units = [one.unit for one in columns]
     if stated is not None:
         unit = plain_unit(stated)

@@ -33,7 +33,7 @@ class EmgPlayback:
     LINK: ClassVar[str] = "none: a recording"
     state_type: ClassVar[type[EmgPlaybackState]] = EmgPlaybackState
 
-    path: str  # A recording whose phases are told, as in a bag; or one of palpation alone
+    path: str  # A recording whose phases are marked, as in a bag; or one of palpation alone
     mvc: str = ""  # A recording of the MVC; empty: the phase `mvc` of `path`
     rest: str = ""  # One at rest; empty: the phase `rest` of `path`
     rate_hz: float = 1500.0  # The recordings' rate
@@ -68,7 +68,7 @@ class EmgPlayback:
         return both
 
     def cue(self, phase: str, phantom: str, state: EmgPlaybackState) -> None:
-        """Play another phase from the next sample on; what is asked of nobody is played as rest."""
+        """Play another phase from the next sample on; a phase without a recording is played as rest."""
         state.doing = phase
 
     def open(self, now_ns: int, state: EmgPlaybackState, rng: np.random.Generator) -> None:

@@ -31,7 +31,7 @@ class EmgTrial:
 
     path: Path  # The trial's file
     mvc_path: Path  # The MVC's file; the trial's own where it has that phase
-    muscles: Muscles  # The trial's muscles, and where rate, unit and columns stand
+    muscles: Muscles  # The trial's muscles, and the source of rate, unit and columns
     settings: EmgSettings  # How it was analysed
     analysis: EmgAnalysis  # What came out
 
@@ -82,7 +82,7 @@ def _alike(other: Muscles, trial: Muscles, phase: str) -> Float64Array:
 def _check_strengths(path: Path, used: Float64Array, effort_path: Path, effort: Float64Array) -> None:
     """Refuse an MVC that is in another unit than its trial; the analysis flags what is less far off."""
     trial, mvc = strength(used), strength(effort)
-    if not ((trial > 0.0) & (mvc > 0.0)).all():  # silent, or no sample at all: said by the analysis
+    if not ((trial > 0.0) & (mvc > 0.0)).all():  # silent, or no sample at all: the analysis reports it
         return
     over = mvc / trial
     if (over > _MOST_OVER).all() or (over < 1.0 / _MOST_UNDER).all():

@@ -1,7 +1,7 @@
 """Expensive set-ups kept on disk under a hash of what they depend on: the inputs and this package's source.
 
 Entries are files of arrays in ``$PALP_CACHE``, else ``$XDG_CACHE_HOME/palp``, else ``~/.cache/palp``. They
-are written beside their place and renamed into it, so a reader sees a whole entry or none. A lock per entry,
+are written next to their place and renamed into it, so a reader sees a whole entry or none. A lock per entry,
 held by the kernel and thus freed when its holder dies, keeps two processes from computing the same thing. A
 damaged entry is computed again; a place that cannot be written to is done without.
 """
@@ -121,7 +121,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _remove_idle(path: Path) -> None:
-    """Remove a lock or an unfinished file that nobody holds."""
+    """Remove a lock or an unfinished file that no process holds."""
     if not is_locked(path):
         with contextlib.suppress(OSError):
             path.unlink()

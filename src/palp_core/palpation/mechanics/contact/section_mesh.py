@@ -31,23 +31,23 @@ class Section:
         return np.asarray(np.abs(distance) < _NEAR * self.height_m)
 
     def on_axis(self, x: Float64Array) -> NDArray[np.bool_]:
-        """Tell which points, shape (2, n), lie on the axis."""
+        """Return which points, shape (2, n), lie on the axis."""
         return self._near(x[0])
 
     def on_floor(self, x: Float64Array) -> NDArray[np.bool_]:
-        """Tell which points lie on the floor."""
+        """Return which points lie on the floor."""
         return self._near(x[1] - self.height_m)
 
     def on_outer(self, x: Float64Array) -> NDArray[np.bool_]:
-        """Tell which points lie on the outer edge."""
+        """Return which points lie on the outer edge."""
         return self._near(x[0] - self.outer_m)
 
     def on_surface(self, x: Float64Array) -> NDArray[np.bool_]:
-        """Tell which points lie on the free surface."""
+        """Return which points lie on the free surface."""
         return self._near(x[1])
 
     def on_bead(self, x: Float64Array) -> NDArray[np.bool_]:
-        """Tell which points lie on the bead."""
+        """Return which points lie on the bead."""
         if self.radius_m == 0.0:
             return np.zeros(x.shape[1:], dtype=np.bool_)
         return self._near(np.hypot(x[0], x[1] - self.centre_m) - self.radius_m)

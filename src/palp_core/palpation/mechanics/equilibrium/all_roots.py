@@ -44,7 +44,7 @@ def equilibria(
 ) -> Equilibria:
     """Return all equilibria between lift-off on either side for a sweep towards +Y.
 
-    Roots are told apart where one of 257 angles per side lies between them, a tenth of a millimetre of the
+    Roots are separated where one of 257 angles per side lies between them, a tenth of a millimetre of the
     tip.
 
     Args:

@@ -135,6 +135,6 @@ class GridMoments:
             sine, pushing, _, _ = joint.contact_moment(forward_m[:, None], grid_rad)
             if len(self._kept) == _MOST:
                 del self._kept[next(iter(self._kept))]
-            found = self._kept[key] = joint.model, sine, pushing  # the model kept: its id is nobody else's
+            found = self._kept[key] = joint.model, sine, pushing  # the model is kept, so no other has its id
         _, sine, pushing = found
         return joint.restoring_n_m * sine - pushing

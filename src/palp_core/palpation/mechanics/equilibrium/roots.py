@@ -49,7 +49,7 @@ def bracketed_newton(
 def polish(
     function: Function, guess: Float64Array, slope: Float64Array, reach: float
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Improve good guesses to round-off by secant steps, and tell which stayed near and converged.
+    """Improve good guesses to round-off by secant steps, and return which stayed near and converged.
 
     Returns:
         The roots, and where they can be trusted: converged, within reach, at a rising zero.

@@ -25,7 +25,7 @@ from palp_core.units import Float64Array
 _ANGLES = 65  # a third of a millimetre of the tip's travel apart
 _ANCHOR_M = 0.001  # of the stage between two samplings
 _STEEP = 0.5  # of the stage's step that the lagging tip may lose in a step before every position is sampled
-_BALANCED_N_M = 1e-6  # a moment below it does not tell one angle from another: study stability
+_BALANCED_N_M = 1e-6  # a moment below it does not separate one angle from another: study stability
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Sweep:
         lifted: Whether the tip has left the gel.
         root_count: Number of equilibria between q = 0 and lift-off.
         snap_at: Indices of the positions reached by a jump from the position before, in order.
-        guards: What the solver met and what it did about it, in words; empty for an ordinary sweep.
+        guards: What the solver met and what it did about it; empty for an ordinary sweep.
     """
 
     stage_m: Float64Array

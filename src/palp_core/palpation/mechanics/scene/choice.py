@@ -24,7 +24,7 @@ class SceneChoice:
 
     @property
     def bound(self) -> float | None:
-        """The rung's stated relative error of the scene's output; None where it vouches for none."""
+        """The rung's stated relative error of the scene's output; None where it states none."""
         return self.contact.bound
 
 
@@ -56,7 +56,7 @@ def choose_motion(scene: Scene) -> MethodChoice:
     """Return whether inertia may be left out of a scene, as the register has it.
 
     What leaves inertia out may take as much of the tolerance again as the contact; where nothing that is
-    declared vouches for that, the quasi-static joint is taken by name, and says that it vouches for nothing.
+    declared is bounded so well, the quasi-static joint is taken by name, without a bound.
     """
     output, tolerance, speed_m_s = scene.tolerance.output, scene.tolerance.relative, scene.path.speed_m_s
     try:
@@ -109,7 +109,7 @@ def contact_model(
         indentation_m: Nominal indentation, by the published joint; None leaves it out of the choice.
 
     Raises:
-        MethodError: No declared rung is good enough in this scene; the message says what each vouches for.
+        MethodError: No declared rung is good enough in this scene; the message has the bound of each.
     """
     quantities: dict[str, float | tuple[float, ...]] = dict(phantom.scene(tip_radius_m))
     if indentation_m is not None:

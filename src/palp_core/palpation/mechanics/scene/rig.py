@@ -31,8 +31,8 @@ class Rig:
     def by_depth(self) -> list[str]:
         """The codes in the order of their depths, bare gel last: that in which anything is set up.
 
-        Set-ups leave files with times behind, and mistakes are told of the first phantom that has one: in
-        the order of codes both would tell a blinded session's depths.
+        Set-ups leave files with times behind, and an error names the first phantom that has one: in
+        the order of codes both would unblind a blinded session's depths.
         """
         return _by_depth(self.phantoms)
 
@@ -43,7 +43,7 @@ class Rig:
             return rung_model(method.name, self.phantoms[code], probe.tip_radius_m)
 
     def motion(self, speed_m_s: float) -> MethodChoice:
-        """Return what its quasi-static sweeps vouch for at a speed of the stage: they are all it has."""
+        """Return the stated error of its quasi-static sweeps at a speed of the stage; it has no others."""
         return moved_by("quasi_static", self.output, self.tolerance, speed_m_s)
 
     def met(self, code: str, solved: Sweep, speed_m_s: float | None = None) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ class SceneRun:
     sweeps: tuple[Sweep, ...]  # One per ring, all at the same stage positions
     peak_n_m: tuple[float, ...]  # Largest torque per ring
     contrast_n_m: tuple[float, ...]  # That minus its local base
-    # What the run met, in words: the region in which a method fails, and what took over there
+    # What the run met: the region in which a method fails, and what took over there
     guards: tuple[str, ...]
 
     def as_json(self) -> dict[str, object]:

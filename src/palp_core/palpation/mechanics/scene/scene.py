@@ -79,7 +79,7 @@ class StagePath:
 def motion_output(output: str) -> str:
     """Return what the joint's motion must get right where a scene is asked for ``output``.
 
-    Depths are told apart by their peaks. Its bounds are on peak and contrast; a trace takes the stricter.
+    Depths are separated by their peaks. Its bounds are on peak and contrast; a trace takes the stricter.
     """
     return "contrast" if output in ("contrast", "trace") else "peak"
 
@@ -91,7 +91,7 @@ class Tolerance:
     Attributes:
         output: One of :data:`OUTPUTS`.
         relative: Largest relative error; of ``decision`` the share of decisions that may differ.
-        depths_m: Depths told apart, for ``separation`` and ``decision``; the paper's three if empty.
+        depths_m: Depths compared, for ``separation`` and ``decision``; the paper's three if empty.
         strain: Against which law, one of :data:`STRAINS`.
 
     Raises:

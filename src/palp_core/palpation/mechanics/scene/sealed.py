@@ -1,7 +1,7 @@
 """Which phantom is which, sealed: new codes, and a key that is not read by accident.
 
 Who simulates a person reads from the key what is palpated.
-Codes and their order come from the machine's entropy, never from a run's seed: whoever knows the seed, the
+Codes and their order come from the machine's entropy, never from a run's seed: one who knows the seed, the
 program and the phantoms can draw neither again. The file is no safe: it keeps from seeing, not from prying.
 """
 
@@ -24,7 +24,7 @@ _LARGEST_BYTES = 256 << 10
 
 
 def is_sealed(path: str | Path) -> bool:
-    """Tell whether a file is a sealed one."""
+    """Return whether a file is a sealed one."""
     return begins_with(path, SEAL)
 
 

@@ -5,7 +5,7 @@ linear-Gaussian about the class means::
 
     y_t = mean[d, k] + sum_l slope[d, k, l] x_l + e_t,   x_l ~ N(0, sd_l^2),   e_t ~ N(0, noise[d, k])
 
-An offset x_l is drawn anew at a move or stays for the whole trial. Given the class d, all readings are
+An offset x_l is drawn again at a move or stays for the whole trial. Given the class d, all readings are
 jointly normal, so the offsets are integrated out in closed form: one Kalman filter per class (Anderson and
 Moore, "Optimal Filtering", 1979, sec. 3.1), its innovations' density the likelihood. With no offsets it is
 eq. (7).
@@ -37,7 +37,7 @@ class OffsetModel:
     noise: Float64Array  # Covariance of what is drawn at every reading, positive definite, shape (m, k, f, f)
     slope: Float64Array  # Change of the reading per unit of each offset, shape (m, k, f, l); l may be 0
     offset_sd: Float64Array  # Standard deviation of each offset, shape (l,)
-    # Whether a move of the setting draws the offset anew (else it stays for the trial), length l
+    # Whether a move of the setting draws the offset again (else it stays for the trial), length l
     renewed_by_move: tuple[bool, ...]
 
     def __post_init__(self) -> None:

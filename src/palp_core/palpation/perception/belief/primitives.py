@@ -80,7 +80,7 @@ class Primitives:
         return density
 
     def is_outlier(self, reading: float, setting_index: int, *, z_limit: float = 5.0) -> bool:
-        """Tell whether the reading is more than ``z_limit`` deviations (assumed: 5) from every class.
+        """Return whether the reading is more than ``z_limit`` deviations (assumed: 5) from every class.
 
         The likelihood stays finite then, but its choice of class is an extrapolation of the normal's tail.
         """

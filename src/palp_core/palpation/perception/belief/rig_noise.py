@@ -122,7 +122,7 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
     """Return the model of readings that share the ring's landing and the phantom's height.
 
     How a reading answers to the ring is taken from the primitives' own means over the rings. What training
-    scattered beyond the ring's part is drawn anew at every reading, at least ``sweep_sd_n_m``: one variance
+    scattered beyond the ring's part is drawn again at every reading, at least ``sweep_sd_n_m``: one variance
     for all cells, and in a cell that scattered more than chance makes of it (99.9 %) the excess too. The
     height counts against that of the training's mounting, hence its variance twice.
     """
@@ -142,7 +142,7 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
 
 
 def _own_variance(primitives: Primitives, ring_variance: Float64Array, least: float) -> Float64Array:
-    """Return the variance that is drawn anew at every reading, shape (m, k).
+    """Return the variance that is drawn again at every reading, shape (m, k).
 
     What a single cell scattered minus the ring's part is mostly chance where that part is large: taken cell
     by cell, a class that came out near zero would be trusted for it. So it is one number, the median over the

@@ -30,10 +30,10 @@ _LEAST_SPREAD = 1e-12  # nats; a gain vector that varies less is rounding noise 
 
 @dataclass(frozen=True, eq=False)
 class BeliefStep:
-    """What a rule goes by: beliefs and gains after a probe and before it."""
+    """What a rule sees: beliefs and gains after a probe and before it."""
 
     posterior: Float64Array  # P_t, shape (..., m)
-    before: Float64Array  # P_{t-1}, shape (..., m); at the first probe the prior, or NaN where it is not told
+    before: Float64Array  # P_{t-1}, shape (..., m); at the first probe the prior, or NaN without one
     gain: Float64Array  # G_t of eq. (8), nats, shape (..., m).
     gain_before: Float64Array  # G_{t-1}, shape (..., m); zero at the first probe
     probe_count: int  # t, the same for all trials
@@ -69,7 +69,7 @@ class StopState:
     """What a rule says after a probe."""
 
     # Correlation distance of the last two gain vectors, 0 to 2, shape (...); NaN where it is not defined, or
-    # the rule does not go by it
+    # the rule does not use it
     gamma: Float64Array
     converged: NDArray[np.bool_]  # Whether to stop here, shape (...)
 
@@ -91,7 +91,7 @@ class StopRule(ABC):
     """Says after each probe whether to stop; a frozen dataclass, first the rule's own number."""
 
     largest: ClassVar[float] = np.inf  # Largest value that its own number may have
-    # Whether it may be asked before a probe is over: it goes by the belief alone
+    # Whether it may be asked before a probe is over: it uses the belief alone
     within_a_sweep: ClassVar[bool] = False
 
     @property
@@ -113,7 +113,7 @@ def correlation_distance(first: Float64Array, second: Float64Array) -> Float64Ar
     """Return 1 minus Pearson's correlation of gain vectors, shape (...), NaN where it has no value.
 
     It has none when a vector does not vary over the classes: nothing was gained, as at t = 0 or after a probe
-    that tells nothing.
+    that shows nothing.
     """
     if first.shape != second.shape:
         raise PerceptionError(f"gain vectors have shapes {first.shape} and {second.shape}")
@@ -187,7 +187,7 @@ class FixedNumber(StopRule):
 
 
 def _apart_from_gamma(converged: NDArray[np.bool_]) -> StopState:
-    """Return the state of a rule that does not go by the correlation distance."""
+    """Return the state of a rule that does not use the correlation distance."""
     return StopState(np.full(np.shape(converged), np.nan), np.asarray(converged))
 
 
@@ -202,7 +202,7 @@ def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -
     Args:
         name: Of task ``stop``.
         value: The rule's own number (T, a probability, a count of probes); 0 for its default.
-        max_probes: Probes after which a trial ends undecided; None: not told.
+        max_probes: Probes after which a trial ends undecided; None: no limit.
 
     Raises:
         MethodError: No such rule.

@@ -126,7 +126,7 @@ def trial_filter(
 
     Raises:
         MethodError: No such filter.
-        PerceptionError: The filter needs to know what stays and is not told.
+        PerceptionError: The filter needs to know what stays, and that is missing.
     """
     chosen = find("filter", name)
     classes = classes_of(primitives.depths_m.tolist(), depth_count)

@@ -108,7 +108,7 @@ def analyse(
         mvc: Raw EMG of the MVC, shape (muscles, m), the same unit.
         settings: How.
         rest: Raw EMG at rest, shape (muscles, k). None: the quietest twentieth of trial and
-            MVC stands for it.
+            MVC is taken for it.
 
     Raises:
         PerceptionError: Shapes do not fit, a recording is shorter than the RMS window, has no finite sample,

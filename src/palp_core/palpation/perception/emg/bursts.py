@@ -1,8 +1,8 @@
 """Bursts of co-contraction by two thresholds, with the peaks within them, while it streams.
 
 A burst begins where co-contraction exceeds a threshold above rest and ends below a lower one. Short gaps are
-joined, short bursts dropped; a contraction that is held is one burst, however long. Within it peaks are told
-apart by valleys. Co-contraction is looked at every 10 ms, counted from the first sample, so the same bursts
+joined, short bursts dropped; a contraction that is held is one burst, however long. Within it valleys
+separate peaks. Co-contraction is looked at every 10 ms, counted from the first sample, so the same bursts
 come out whatever the blocks, to the bit.
 """
 
@@ -29,7 +29,7 @@ class EmgPeak:
     index: int  # Its sample; of a flat top the middle
     value: float  # Co-contraction there, dimensionless
     known_at: int  # The sample that settled it; `known_at - index` is its lag
-    level: float  # Strength that it stands for, dimensionless; `value` where nothing is known of its noise
+    level: float  # Its strength, dimensionless; `value` where nothing is known of its noise
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class BurstState:
     begin: int = -1  # First sample of the burst that goes on; -1: there is none
     below: int = -1  # Since which sample it is below the lower threshold; -1: it is not
     peaks: list[EmgPeak] = field(default_factory=list)  # Peaks of the burst so far
-    told: int = 0  # How many of them were put out
+    out_count: int = 0  # How many of them were put out
     hump: OpenPeak | None = None  # The peak that is followed; None: a valley is
     valley: float = math.inf  # Smallest value of that valley
     sunk: int = -1  # Since which sample it is one; -1: there is none, or the scatter's, and the peak goes on
@@ -168,7 +168,7 @@ def _crest(values: Float64Array) -> float:
 
 
 class _BurstDetector:
-    """The rule at work on a block; it changes the state."""
+    """The rule applied to a block; it changes the state."""
 
     def __init__(self, rule: BurstRule, state: BurstState) -> None:
         self.rule, self.state, self.on, self.off = rule, state, rule.on, rule.off
@@ -204,7 +204,7 @@ class _BurstDetector:
             self._settle(at)
             self._release(at)
             self.bursts.append(Burst(state.begin, end, tuple(state.peaks), at))
-        state.begin, state.below, state.peaks, state.told = -1, -1, [], 0
+        state.begin, state.below, state.peaks, state.out_count = -1, -1, [], 0
         state.hump, state.valley, state.sunk, state.still = None, math.inf, -1, []
 
     def _follow(self, at: int, value: float) -> None:
@@ -261,7 +261,7 @@ class _BurstDetector:
 
     def _release(self, at: int) -> None:
         """Put out the peaks that are not out yet: their burst is sure."""
-        peaks, first = self.state.peaks, self.state.told
+        peaks, first = self.state.peaks, self.state.out_count
         peaks[first:] = [replace(peak, known_at=at) for peak in peaks[first:]]
         self.peaks += peaks[first:]
-        self.state.told = len(peaks)
+        self.state.out_count = len(peaks)

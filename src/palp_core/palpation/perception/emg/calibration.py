@@ -24,7 +24,7 @@ _FLAT = 3.5
 """Most that lies between the quietest hundredth and the quietest tenth of a rest, in standard deviations of
 noise: 0.5 to 2.2 were seen where a person rested, and 6 to 24 where simulated people only relaxed."""
 _UNKNOWN_SHARE, _UNKNOWN_MOST = 0.8, 0.02
-"""Standard deviation of a rest that nobody recorded, as a share of it, and at most: its quietest twentieth
+"""Standard deviation of a rest that was not recorded, as a share of it, and at most: its quietest twentieth
 says where it is and little of how it moves. Five of the latter are the lowest level."""
 _MEDIAN_SD = 0.55
 """Standard deviation of the median of a half second over that of the envelope: white noise, window 150 ms."""

@@ -65,7 +65,7 @@ class EmgChain:
     def step(self, state: EnvelopeState, samples: Float64Array) -> tuple[EnvelopeState, Float64Array]:
         """Return the next state and the envelope of a block.
 
-        Rectifying before squaring changes nothing, so the RMS stands for both.
+        Rectifying before squaring changes nothing, so the RMS is of both.
 
         Returns:
             The state, and the RMS over the window that ends at each sample, shape (n,), the samples' unit.

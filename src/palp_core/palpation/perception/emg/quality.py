@@ -1,7 +1,7 @@
 """What can be wrong with a recording of EMG, and what was done about it.
 
 Clipping, an electrode's offset, lost samples and a contraction that was not maximal all give an envelope that
-looks like muscle; only the raw samples tell.
+looks like muscle; only the raw samples show it.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What shapes bursts and levels, told once: the command, the node and ``emg fit-policy`` take these defaults.
+"""What shapes bursts and levels: the command, the node and ``emg fit-policy`` take these defaults.
 
 None of it was published. The reasons are of muscles and of the RMS, none is fitted to a recording.
 """
@@ -40,7 +40,7 @@ class BurstSettings:
             this share of it, and another begins where it rises by as much again. The scatter of EMG is in
             proportion to its strength; that of two muscles, 8 %, takes a held contraction from 1.24 to 0.76
             at three standard deviations.
-        top_share: The top of a peak, through which a parabola tells its level, is what exceeds this share of
+        top_share: The top of a peak, through which a parabola gives its level, is what exceeds this share of
             its largest value, rest taken off likewise.
         shelf_s: After a peak, what is held for so long without a rise, s, nothing of it below ``top_share``
             of its largest, is a peak as well: a lower level, to which no valley leads. Half a second, as of

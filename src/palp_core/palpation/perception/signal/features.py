@@ -61,7 +61,7 @@ def contrast(
     reach: int = 600,
     flank: int = 100,
 ) -> Contrast:
-    """Return the peak minus the mean of the medians of the two flanks beside it.
+    """Return the peak minus the mean of the medians of the two flanks next to it.
 
     A flank that would fall into the boundary is left out; the other then is the base alone.
 

@@ -23,7 +23,7 @@ _GAUSSIAN_MAD = 0.6744897501960817  # median of |z|, z standard normal
 
 @lru_cache(maxsize=16)
 def _wavelet(name: str) -> pywt.Wavelet:
-    import pywt  # takes a tenth of a second, for which whoever only asks what there is need not wait
+    import pywt  # takes a tenth of a second, for which a list of methods need not wait
 
     try:
         return pywt.Wavelet(name)

@@ -78,7 +78,7 @@ def checked(outcome: Sequence[float] | Float64Array, *labels: Labels) -> Float64
 
 
 def is_constant(values: Float64Array) -> bool:
-    """Tell whether values differ by no more than rounding: 0.1 + 0.2 and 0.3 are the same outcome."""
+    """Return whether values differ by no more than rounding: 0.1 + 0.2 and 0.3 are the same outcome."""
     return bool(np.ptp(values) <= _ROUNDING * np.abs(values).max())
 
 

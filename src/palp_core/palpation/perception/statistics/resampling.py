@@ -29,7 +29,7 @@ class SessionMean:
 
     value: float  # The mean
     # Lower bound; equal to the value with fewer than two sessions or where all agree, which is not certainty:
-    # such sessions tell nothing of how much others would differ
+    # such sessions do not show how much others would differ
     low: float
     high: float  # Upper bound
     session_count: int  # Sessions
@@ -102,7 +102,7 @@ def share_interval(
 ) -> SessionMean:
     """Return the mean share of right answers over sessions with its 95 % interval.
 
-    Where all sessions agree, as at 100 %, they tell nothing of their spread: the interval is then Wilson's
+    Where all sessions agree, as at 100 %, they do not show their spread: the interval is then Wilson's
     over all trials, which is the least it can be.
     """
     if not all(len(one) for one in right):

@@ -1,7 +1,7 @@
 """Which ring position to probe with next; exchangeable, task ``policy``.
 
 A policy is a frozen value. What it remembers is a :class:`RingChoice` that goes in and comes out, so that
-whoever drives it can store it, hand it over, or replay it. Arrays may have a leading dimension, one entry per
+its caller can store it, hand it over, or replay it. Arrays may have a leading dimension, one entry per
 trial: a batch of trials is led by the same lines as one.
 
 Chance comes in as ``uniform``, which a policy calls once where it draws, and not where it does not. In a node
@@ -38,7 +38,7 @@ class RingChoice:
     level: NDArray[np.int64]  # Index of the ring position, shape (...)
     # Mean co-contraction level of P_{S,t}, shape (...); only two of the Markov readings use it
     mean_level: Float64Array
-    # Whether to position the ring anew although it is there already, for a new landing error, shape (...)
+    # Whether to position the ring again although it is there already, for a new landing error, shape (...)
     renew: NDArray[np.bool_]
 
     @classmethod

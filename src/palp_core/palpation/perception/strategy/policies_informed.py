@@ -1,6 +1,6 @@
 """Policies that use more than the belief: a new landing of the ring, what stays in a trial, a person's EMG.
 
-Task ``policy``, beside those of :mod:`policies`.
+Task ``policy``, with those of :mod:`policies`.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import RingChoice, UniformDraw, everywhere
 from palp_core.units import Float64Array
 
-_TIE = 1e-9  # bits, or bits per second; far below what one probe tells
+_TIE = 1e-9  # bits, or bits per second; far below what one probe gives
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Reposition:
-    """Keep one ring position but land on it anew before every probe, so that its error averages out."""
+    """Keep one ring position but land on it again before every probe, so that its error averages out."""
 
     ring_m: float = 0.016  # That position, m
 
@@ -63,22 +63,22 @@ class Reposition:
 class EmgDriven:
     """Follow the co-contraction of a person who palpates at the same time."""
 
-    heard: int | None = None  # Level of the latest burst, as an index; None before the first
+    latest: int | None = None  # Level of the latest burst, as an index; None before the first
     start_level: int = 2  # Level until then (assumed: the middle)
     rings_m: tuple[float, ...] = figure5.RINGS_M  # Ring position of each level, m; Table 6
 
     def __post_init__(self) -> None:
-        for level in (self.start_level, *([] if self.heard is None else [self.heard])):
+        for level in (self.start_level, *([] if self.latest is None else [self.latest])):
             if not 0 <= level < len(self.rings_m):
                 raise PerceptionError(
                     f"co-contraction level {level} has no ring position; there are {len(self.rings_m)}"
                 )
 
     def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
-        return everywhere(self.start_level if self.heard is None else self.heard, trial_count)
+        return everywhere(self.start_level if self.latest is None else self.latest, trial_count)
 
     def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
-        return RingChoice.at(at.level if self.heard is None else np.full_like(at.level, self.heard))
+        return RingChoice.at(at.level if self.latest is None else np.full_like(at.level, self.latest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Actions:
 
 @dataclass(frozen=True, eq=False)
 class InformationGainLatent:
-    """Probe where the next reading tells most about the class, knowing which errors stay in the trial.
+    """Probe where the next reading shows most about the class, knowing which errors stay in the trial.
 
     A probe without a move is expected to repeat the present offset, one after a move to the same position to
     draw a new one: whether that is worth a probe follows from the model and is not built in.
@@ -124,7 +124,7 @@ class InformationGainLatent:
     def best(
         self, belief: latent.Belief, level: ArrayLike | None
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the level (...) of the best action and whether it positions anew where the ring already is.
+        """Return the level (...) of the best action and whether it positions again where the ring already is.
 
         Args:
             belief: Of one trial, or of many with a leading dimension.
@@ -132,7 +132,7 @@ class InformationGainLatent:
         """
         actions = self.actions(belief, level)
         value = actions.gain_bits / actions.seconds if self.per_second else actions.gain_bits
-        value[..., -1] += _TIE  # where nothing stays, staying tells as much as a new landing and is no work
+        value[..., -1] += _TIE  # where nothing stays, staying gives as much as a new landing and is no work
         choice = np.argmax(value, axis=-1)
         count = len(self.rings_m)
         if level is None:
@@ -162,7 +162,7 @@ class InformationGainLatent:
         return Actions(np.append(np.arange(count), -1), gains, seconds)
 
     def _gains(self, belief: latent.Belief, here: NDArray[np.int64]) -> Float64Array:
-        """Return what a reading at every level, landed on anew, and one without a move tell, in bits."""
+        """Return what a reading at every level, landed on again, and one without a move give, in bits."""
         lead = belief.log_class.shape[:-1]
         fresh = latent.renewed(self.model, belief, np.ones(lead, dtype=bool))
         found = [latent.predict(self.model, fresh, np.full(lead, k)) for k in range(len(self.rings_m))]

@@ -38,7 +38,7 @@ def rings_of(text: str) -> tuple[float, ...]:
 
 
 def is_trained(ring_m: float, trained_m: Iterable[float]) -> bool:
-    """Tell whether a ring position is one of those."""
+    """Return whether a ring position is one of those."""
     return any(math.isclose(ring_m, trained, rel_tol=0.0, abs_tol=_SAME_M) for trained in trained_m)
 
 

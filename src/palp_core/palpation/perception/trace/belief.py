@@ -127,7 +127,7 @@ def fit_probability(belief: TraceBelief) -> Float64Array:
 
 
 def expected_bits(model: TraceModel, belief: TraceBelief, setting: int, *, landed: bool) -> Float64Array:
-    """Return a lower bound on the bits that a sweep tells about the class, shape (n,).
+    """Return a lower bound on the bits that a sweep gives about the class, shape (n,).
 
     The entropy of a mixture is not had in closed form; with the Bhattacharyya distances D between its parts
     it is at least -sum_i w_i log sum_j w_j exp(-D_ij) above their own (Kolchinsky and Tracey, Entropy 19,

@@ -29,7 +29,7 @@ class TraceKnowledge:
     slope: Float64Array  # Its change by a unit of each offset, shape (m, k, b, l)
     bend: Float64Array  # What the offset's square adds, shape (m, k, b, l)
     slope_error: float  # What slopes are taken to be wrong by, relative
-    texture: Texture  # What the surface adds along a track, where training does not tell it
+    texture: Texture  # What the surface adds along a track, where training does not show it
     # Where the ball touches in each bin, shape (m, k, b): where it does not move, it sticks
     place_m: Float64Array
 
@@ -116,7 +116,7 @@ def _texture(trained: TrainedTraces, known: TraceKnowledge) -> Texture:
 def _between(trained: TrainedTraces, known: TraceKnowledge, grid: DepthGrid) -> TrainedTraces:
     """Return training at other depths: the mechanics' traces there, and over them what training adds.
 
-    A trace changes its form with depth more than a curve through a few depths tells; what training differs by
+    A trace changes its form with depth more than a curve through a few depths shows; what training differs by
     from the mechanics changes slowly.
     """
     added = on_depths(trained.mean - known.mean_n_m, trained.depths_m, grid.depths_m)

@@ -4,7 +4,7 @@ A sweep at setting u of class c is::
 
     y_i = mean[c, u, i] + sum_l slope[c, u, i, l] x_l + texture(place[c, u, i]) + new[u, i]
 
-Offsets x are normal and stay as long as they stay: for a sweep, until the ring lands anew, or for the trial.
+Offsets x are normal and stay as long as they stay: for a sweep, until the ring lands again, or for the trial.
 Sweeps of a trial share them, and the track's texture.
 """
 

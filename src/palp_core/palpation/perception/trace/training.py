@@ -95,7 +95,7 @@ def learn(
 def _with_scatter(
     trained: TrainedTraces, scattered: list[tuple[int, int, Float64Array]], floor_n_m: float
 ) -> TrainedTraces:
-    """Return it with what sweeps of a cell scatter by, beside what a landing makes of them."""
+    """Return it with what sweeps of a cell scatter by, without what a landing makes of them."""
     slope, scatter = trained.ring_slope, trained.scatter.copy()
     for ring in range(len(scatter)):
         rests, freedom = [], 0
