@@ -21,9 +21,10 @@ from palp_core.palpation.mechanics.limits import require
 from palp_core.palpation.mechanics.scene.file import read_mapping
 
 
-def _quantity(unit: str, high: float, basis: str, low: float = 0.0) -> float:
-    """Declare a parameter that is 0 in the paper's design, with its unit, its bounds and its basis."""
-    made: float = field(default=0.0, metadata={"unit": unit, "low": low, "high": high, "basis": basis})
+def _quantity(unit: str, high: float, basis: str, low: float = 0.0, *, latent: bool = False) -> float:
+    """Declare a parameter that is 0 in the paper's design: unit, bounds, basis, whether it moves latents."""
+    about = {"unit": unit, "low": low, "high": high, "basis": basis, "latent": latent}
+    made: float = field(default=0.0, metadata=about)
     return made
 
 
@@ -66,18 +67,32 @@ class WorldModel:
     texture_sd_n_m: float = _quantity("N m", 5e-3, "assumed: cast silicone adds 0.05 to 0.5 N mm")
     texture_length_m: float = _quantity("m", 0.05, "assumed: about the contact's radius, which smooths it")
     texture_reversing_share: float = _quantity("1", 1.0, "assumed: half friction, half shape")
-    friction_mounting_sd: float = _quantity("1", 0.3, "assumed: a surface that is cleaned by hand")
-    friction_wear_per_m: float = _quantity("1/m", 0.01, "assumed: a twentieth in 100 m, a session", -0.01)
-    bead_along_specimen_sd_m: float = _quantity("m", 5e-3, "assumed: a bead laid by hand on cured gel")
-    bead_along_mounting_sd_m: float = _quantity("m", 5e-3, "assumed: a phantom set down against a stop")
-    bead_beside_specimen_sd_m: float = _quantity("m", 5e-3, "assumed, as along")
-    bead_beside_mounting_sd_m: float = _quantity("m", 5e-3, "assumed, as along")
-    modulus_batch_sd: float = _quantity("1", 0.2, "assumed: two parts weighed to a percent, cured for a day")
-    modulus_specimen_sd: float = _quantity("1", 0.2, "assumed: one batch, several moulds")
-    layer_modulus_sd: float = _quantity("1", 0.3, "assumed; how it is felt: Gao, Chiu and Lee 1992")
+    friction_mounting_sd: float = _quantity(
+        "1", 0.3, "assumed: a surface that is cleaned by hand", latent=True
+    )
+    friction_wear_per_m: float = _quantity(
+        "1/m", 0.01, "assumed: a twentieth in 100 m, a session", -0.01, latent=True
+    )
+    bead_along_specimen_sd_m: float = _quantity(
+        "m", 5e-3, "assumed: a bead laid by hand on cured gel", latent=True
+    )
+    bead_along_mounting_sd_m: float = _quantity(
+        "m", 5e-3, "assumed: a phantom set down against a stop", latent=True
+    )
+    bead_beside_specimen_sd_m: float = _quantity("m", 5e-3, "assumed, as along", latent=True)
+    bead_beside_mounting_sd_m: float = _quantity("m", 5e-3, "assumed, as along", latent=True)
+    modulus_batch_sd: float = _quantity(
+        "1", 0.2, "assumed: two parts weighed to a percent, cured for a day", latent=True
+    )
+    modulus_specimen_sd: float = _quantity("1", 0.2, "assumed: one batch, several moulds", latent=True)
+    layer_modulus_sd: float = _quantity(
+        "1", 0.3, "assumed; how it is felt: Gao, Chiu and Lee 1992", latent=True
+    )
     indentation_session_sd_m: float = _quantity("m", 1e-3, "assumed: a touch found by hand or by force")
-    tip_radius_session_sd_m: float = _quantity("m", 5e-4, "assumed: tolerance of a printed ball")
-    tip_wear_per_m: float = _quantity("m/m", 1e-4, "assumed: 0.02 mm in 100 m; silicone wears plastic", -1e-4)
+    tip_radius_session_sd_m: float = _quantity("m", 5e-4, "assumed: tolerance of a printed ball", latent=True)
+    tip_wear_per_m: float = _quantity(
+        "m/m", 1e-4, "assumed: 0.02 mm in 100 m; silicone wears plastic", -1e-4, latent=True
+    )
     bias_walk_n_m_per_sqrt_s: float = _quantity("N m/s^0.5", 1e-3, "assumed: a step of resolution in 10 s")
     tare_sd_n_m: float = _quantity(
         "N m", 1e-3, "assumed: what half a second of samples leaves, and hysteresis"
@@ -106,11 +121,7 @@ class WorldModel:
     @property
     def shifts_latents(self) -> bool:
         """Whether sweeps differ by more than the ring's landing and the surface's height."""
-        return any(
-            getattr(self, item.name) != 0.0
-            for item in _quantities()
-            if item.name.partition("_")[0] in ("friction", "bead", "modulus", "layer", "tip")
-        )
+        return any(getattr(self, item.name) != 0.0 for item in _quantities() if item.metadata["latent"])
 
     def values(self) -> dict[str, float]:
         """Return its parameters by name, SI."""

@@ -46,7 +46,7 @@ def seconds(times_s: np.ndarray, before: str = "") -> list[str]:
     return [f"{before}12:{int(one // 60):02}:{one % 60:09.6f}" for one in times_s]
 
 
-# --- what is read: name of the file, its text, options, rate and where it stands ---
+# --- what is read, all of it at 1000 Hz: name, text, options and source of the rate ---
 
 UCI = """File Name: sentado.log
 Channel 4: 'Recto Femoral', 400 values, engineering units: mV, no filters.
@@ -54,49 +54,43 @@ Channel 5: 'Biceps Femoral', 400 values, engineering units: mV, no filters.
 Channel 8: 'Flexo-Extension', 400 values, engineering units: deg, no filters.
 """
 TAB = "\t"
-READ: dict[str, tuple[str | bytes, dict[str, Any], float, str]] = {
-    "seconds": (table(TIMES_S, *EMG), {}, 1000.0, "the time column 0 'time_s' [s]"),
+TIME = "the time column 0 'time_s' [s]"
+READ: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
+    "seconds": (table(TIMES_S, *EMG), {}, TIME),
     "milliseconds in the heading": (
         table(1e3 * TIMES_S, *EMG, heading="Time (ms),FDS (V),EDC (V)"),
         {},
-        1000.0,
         "the time column 0 'Time' [ms]",
     ),
     "a time without a unit is in seconds": (
         table(TIMES_S, *EMG, heading="t,fds,edc"),
         {},
-        1000.0,
         "the time column 0 't', in seconds as it states no unit,",
     ),
     "a time without a unit fits the user's rate": (
         table(1e3 * TIMES_S, *EMG, heading="t,fds,edc"),
         {"fs": 1000.0},
-        1000.0,
         "the time column 0 't'",
     ),
     "a counter says nothing of the rate": (
         table(np.arange(N), *EMG, heading="sample,fds,edc"),
         {"fs": 1000.0},
-        1000.0,
         "--fs",
     ),
     "no heading, the first column rises": (
         table(TIMES_S, *EMG, heading=""),
         {"fds": "1", "edc": "2"},
-        1000.0,
         "the time column 0 'column0', in seconds as it states no unit,",
     ),
     "blanks, no heading": (
         table(*EMG, heading="", delimiter=" "),
-        {"fs": 1500.0, "fds": "0", "edc": "1"},
-        1500.0,
+        {"fs": 1000.0, "fds": "0", "edc": "1"},
         "--fs",
     ),
     "tabs, UTF-16": (
         table(TIMES_S, *EMG, heading="time_s\tfds\tedc", delimiter=TAB).encode("utf-16"),
         {},
-        1000.0,
-        "the time column 0 'time_s' [s]",
+        TIME,
     ),
     "semicolons, decimal comma, a row of units, Latin-1, an empty last column": (
         (
@@ -104,14 +98,12 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], float, str]] = {
             + table(1e3 * TIMES_S, *1e3 * EMG[::-1], [""] * N, heading="", delimiter=";", decimal=",").strip()
         ).encode("latin-1"),
         {},
-        1000.0,
         "the time column 0 'Zeit' [ms]",
     ),
     "quoted cells with a decimal comma": (
         table(TIMES_S, *EMG, decimal=",", quoting=csv.QUOTE_ALL, heading='"time_s","fds","edc"'),
         {},
-        1000.0,
-        "the time column 0 'time_s' [s]",
+        TIME,
     ),
     "each muscle has its own time": (
         table(
@@ -124,31 +116,26 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], float, str]] = {
             heading="X[s],FDS: EMG 1 [V],X[s],EDC: EMG 2 [V],X[s],FDS: ACC X [g]",
         ),
         {},
-        1000.0,
         "the time column 0 'X' [s]",
     ),
     "dates": (
         table(seconds(TIMES_S, "2024-03-30T"), *EMG, heading="when,fds,edc"),
         {},
-        1000.0,
         "the time column 0 'when' [s]",
     ),
     "times of day": (
         table(seconds(TIMES_S), *EMG, heading="clock,fds,edc"),
         {},
-        1000.0,
         "the time column 0 'clock' [s]",
     ),
     "dates and times of day in columns of their own": (
         table(["2024-03-30"] * N, seconds(TIMES_S), *EMG, heading="Date,Time,fds,edc"),
         {},
-        1000.0,
         "the time column 1 'Time' [s]",
     ),
     "a unit behind a comma": (
         table(1e3 * TIMES_S, *1e6 * EMG, heading='"Time, ms","FDS, uV","EDC, uV"'),
         {},
-        1000.0,
         "the time column 0 'Time' [ms]",
     ),
     "dates over midnight and a time zone": (
@@ -163,57 +150,48 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], float, str]] = {
             heading="when,fds,edc",
         ),
         {},
-        1000.0,
         "the time column 0 'when' [s]",
     ),
     "two characters for micro": (
         table(TIMES_S, *1e6 * EMG, heading="time (s),FDS (\u00b5V),EDC (\u03bcV)"),
         {},
-        1000.0,
         "the time column 0 'time' [s]",
     ),
     "UTF-8 read as Latin-1": (
         table(TIMES_S, *1e6 * EMG, heading="time (s),FDS (\u00c2\u00b5V),EDC (microvolts)"),
         {},
-        1000.0,
         "the time column 0 'time' [s]",
     ),
     "two voltages": (
         table(TIMES_S, 1e3 * EMG[0], 1e6 * EMG[1], heading="time (s),FDS (mV),EDC (uV)"),
         {},
-        1000.0,
         "the time column 0 'time' [s]",
     ),
     "a name that is there twice, by index": (
         table(TIMES_S, *EMG, heading="time_s,emg,emg"),
         {"fds": "1", "edc": "2"},
-        1000.0,
-        "the time column 0 'time_s' [s]",
+        TIME,
     ),
     "free text on rates is not believed": (
         "# Line frequency 50 Hz\n# heart rate: 70\n" + table(TIMES_S, *EMG),
         {},
-        1000.0,
-        "the time column 0 'time_s' [s]",
+        TIME,
     ),
     "lines of labels and of one unit for all": (
         "# Labels:= time, flexor, extensor\n# engineering units: mV\n"
         + table(TIMES_S, *1e3 * EMG, heading=""),
         {},
-        1000.0,
         "the time column 0 'time', in seconds as it states no unit,",
     ),
     "lines with keys, tabs": (
         "Interval=\t0.001 s\nChannelTitle=\tFDS\tEDC\nRange=\t10.000 mV\t10.000 mV\n"
         + table(TIMES_S, *EMG, heading="", delimiter=TAB),
         {},
-        1000.0,
         "the time column 0 'column0', in seconds as it states no unit,",
     ),
     "a line for each channel": (
         UCI + table(*1e3 * EMG, 90.0 + EMG[0], heading="", delimiter=TAB) + "\t\t\n",
         {"fs": 1000.0, "fds": "Recto Femoral", "edc": "1"},
-        1000.0,
         "--fs",
     ),
 }
@@ -221,12 +199,12 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], float, str]] = {
 
 @pytest.mark.parametrize("name", READ)
 def test_a_table_of_text_is_read(tmp_path: Path, name: str) -> None:
-    text, options, rate_hz, rate_from = READ[name]
+    text, options, rate_from = READ[name]
     path = tmp_path / "a.txt"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     found = read(path, **options)
     assert found.samples == pytest.approx(EMG, abs=1e-8)
-    assert found.rate_hz == pytest.approx(rate_hz)
+    assert found.rate_hz == pytest.approx(1000.0)
     assert found.rate_from == rate_from
 
 
