@@ -1,4 +1,4 @@
-"""A world by name or file: what is allowed is said, and the paper's own is nothing at all."""
+"""A world by name or file: what is allowed is listed, and the paper's own is nothing at all."""
 
 from pathlib import Path
 
@@ -52,14 +52,14 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         ("", "the file is empty"),
     ],
 )
-def test_a_wrong_file_is_told_with_its_line_and_what_is_allowed(
+def test_a_wrong_file_is_refused_with_its_line_and_what_is_allowed(
     tmp_path: Path, text: str, words: str
 ) -> None:
     with pytest.raises(MechanicsError, match=words):
         read_world(written(tmp_path, text))
 
 
-def test_a_name_that_is_none_is_told() -> None:
+def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(MechanicsError, match="no world 'labs'; use paper or lab"):
         read_world("labs")
     with pytest.raises(MechanicsError, match="cannot read the world"):

@@ -47,7 +47,7 @@ def test_a_joint_in_motion_sticks_and_slips_where_that_is_predicted(
         assert (known.hertz[ring, 27] > 0.0) == hums[ring]
         if hums[ring]:
             caught = np.flatnonzero(np.diff(stuck.astype(int)) == 1)
-            hertz = 1.0 / np.diff(moved.time_s[late][caught]).mean()
+            hertz = SPEED_M_S / np.diff(moved.stage_m[late][caught]).mean()
             assert known.hertz[ring, 27] == pytest.approx(hertz, rel=0.04)
             swing = np.ptp(moved.torque_n_m[ring, late])
             assert known.swing_n_m[ring, 27] == pytest.approx(swing, rel=0.06)
@@ -69,7 +69,7 @@ def test_faster_it_slides_smoothly(swept: tuple[Joints, Dragged]) -> None:
     assert not stick_slip(*swept, 0.05, 0.1).hertz.any()
 
 
-def test_a_swing_beside_which_the_nodule_is_small_is_said(swept: tuple[Joints, Dragged]) -> None:
+def test_a_swing_that_swamps_the_nodule_is_noted(swept: tuple[Joints, Dragged]) -> None:
     _, found = swept
     assert swamped(found, stick_slip(*swept, 0.02, SPEED_M_S), 1) == ""
     words = swamped(found, stick_slip(*swept, 0.1, SPEED_M_S), 1)
