@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,9 +33,6 @@ app = lazy_app(
         "measure": Verb(f"{_HERE}:measure", "Measure error and CPU time of every method."),
     }
 )
-
-_DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)")
-_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def list_methods(
@@ -146,35 +142,23 @@ def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str,
     }
 
 
-def duration_s(text: str) -> float:
-    """Return a duration as one types it, in s.
-
-    >>> duration_s("60s"), duration_s("2min")
-    (60.0, 120.0)
-    """
-    found = _DURATION.fullmatch(text.strip())
-    if found is None or float(found[1]) == 0.0:
-        raise typer.BadParameter(f"'{text}' is not a duration; write 60s, 2min or 1h")
-    return float(found[1]) * _UNITS[found[2]]
-
-
 def measure(
     scene: Annotated[Path | None, argument("Scene file; default: the published rig.")] = None,
     *,
     task: Annotated[list[str] | None, option("Only this task, as in contact; may be given again.")] = None,
-    budget: Annotated[str, option("After how long no further point is begun: 60s, 2min, 1h.")] = "60s",
+    budget: Annotated[float, option("After it no further point is begun.", metavar="S", min=1e-3)] = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """All tasks in turns, a point of each. When time is up, or on Ctrl-C, the tables have what there is."""
     from palp_core.methods import left_out
     from palp_core.methods.measured import Survey, measured_tasks, slowness
 
-    budget_s, given = duration_s(budget), _scene(scene)
+    given = _scene(scene)
     names = list(dict.fromkeys(task)) if task else measured_tasks()
     survey, interrupted = Survey(names, given), False
     missing = left_out()
     try:
-        survey.measure(budget_s)
+        survey.measure(budget)
     except KeyboardInterrupt:
         interrupted = True
     for text in [*missing, *survey.missing]:
