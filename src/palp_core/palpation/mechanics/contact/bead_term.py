@@ -15,9 +15,9 @@ import math
 
 import numpy as np
 
-from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
 from palp_core.palpation.mechanics.contact.layer import BondedLayer, Trace
+from palp_core.palpation.mechanics.contact.patch import BeadTerm
 from palp_core.palpation.mechanics.contact.section_mesh import bead_section
 from palp_core.units import Float64Array
 

@@ -7,11 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.model import require_range
-from palp_core.palpation.mechanics.contact.patch import Patch
+from palp_core.palpation.mechanics.contact.patch import BeadTerm, Patch
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_places, require
 from palp_core.palpation.mechanics.phantom import Phantom

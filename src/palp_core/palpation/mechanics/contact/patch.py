@@ -7,6 +7,7 @@ symmetry halves the unknowns.
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact.active_set import solve_contact
-from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.tip import gap_m, overlap_radius_m
 from palp_core.units import Float64Array
@@ -22,6 +22,35 @@ from palp_core.units import Float64Array
 _MARGIN = 1.025  # patch radius over that of the overlap of the undeformed bodies
 _GROWTHS = 12  # times that the patch may grow by a quarter
 _GAP_NODES = 4  # Gauss points along a cell: two are exact for a paraboloid
+_NEGLIGIBLE = 3e-5  # of the largest value of any square: 1e-9 of the largest stiffening
+
+
+@dataclass(frozen=True, eq=False)
+class BeadTerm:
+    """How a bead stiffens the surface: the squares V_mj on a grid of radii, for Young's modulus 1."""
+
+    radius_m: Float64Array  # Distances r from the bead's axis, shape (n_r,), from 0
+    harmonic: NDArray[np.int64]  # The order m of each square, shape (n,)
+    squares: Float64Array  # V in sqrt(m/N), shape (n_r, n)
+
+    def at(self, x_m: Float64Array, y_m: Float64Array) -> Float64Array:
+        """Return the squares' values V cos(m theta) at points of the surface, shape (n_points, n_kept).
+
+        Squares that are negligible at all of these distances are left out.
+        """
+        r = np.hypot(x_m, y_m)
+        low, high = np.searchsorted(self.radius_m, [r.min(), r.max()])
+        here = np.abs(self.squares[max(0, low - 2) : high + 2]).max(axis=0)
+        kept = np.flatnonzero(here > _NEGLIGIBLE * np.abs(self.squares).max())
+        orders = np.arange(self.harmonic[-1] + 1)
+        turning = np.cos(np.arctan2(y_m, x_m)[:, None] * orders)
+        pieces = self._curve
+        values = scipy.interpolate.PPoly.construct_fast(pieces.c[:, :, kept], pieces.x)(r)
+        return np.asarray(values * turning[:, self.harmonic[kept]])
+
+    @cached_property
+    def _curve(self) -> scipy.interpolate.CubicSpline:
+        return scipy.interpolate.CubicSpline(self.radius_m, self.squares, extrapolate=True)
 
 
 @dataclass(frozen=True, eq=False)
