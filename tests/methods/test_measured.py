@@ -27,6 +27,7 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.syspath_prepend(Path(__file__).parent)
     monkeypatch.delitem(sys.modules, "toy_task", raising=False)
     made = register.Register()
+    made.quantities = register.quantities()
     made.read("toy_task")
     monkeypatch.setattr(register, "register", lambda: made)
     monkeypatch.setattr("palp_core.methods.choice.register", lambda: made)

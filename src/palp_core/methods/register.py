@@ -185,14 +185,14 @@ class Register:
             first = made.methods.setdefault((row.task, row.name), row)
             if first != row:
                 raise MethodError(f"{place}: {row} is listed twice, first at {first.place}; rename one")
-            made.task(row.task)
+            made.task(row.task, f"{place}: ")
             for within in (row.valid, *(bound.within for bound in row.bounds)):
                 made.require_quantities(within, f"{place}: {row}")
         self.tasks, self.methods, self.quantities = made.tasks, made.methods, made.quantities
 
-    def task(self, name: str) -> Task:
+    def task(self, name: str, asked_by: str = "") -> Task:
         if name not in self.tasks:
-            raise MethodError(f"no task '{name}'; there are {', '.join(sorted(self.tasks))}")
+            raise MethodError(f"{asked_by}no task '{name}'; there are {', '.join(sorted(self.tasks))}")
         return self.tasks[name]
 
     def require_quantities(self, names: Iterable[str], what: str) -> None:
