@@ -19,7 +19,7 @@ TASKS = [
 ]
 
 
-def row(name: str, cost_s: float, *bounds: Bound, **more: str) -> Method:
+def row(name: str, cost_s: float, *bounds: Bound, **more: Any) -> Method:
     place = f"toy_task:{name}"
     return Method(
         task="toy", name=name, place=place, cost_s=cost_s, bounds=bounds, evidence="toy_task.py", **more

@@ -43,7 +43,7 @@ def test_worlds_differ_by_their_parameters_alone() -> None:
 
 
 def test_spreads_are_those_of_the_world() -> None:
-    rng, count = np.random.default_rng(5), 6_000
+    rng, count = np.random.default_rng(5), 12_000
     rows = together(
         np.array([session_part(LAB, rng) for _ in range(count)]),
         specimen_parts(LAB, rng, np.full(count, 0.004)),

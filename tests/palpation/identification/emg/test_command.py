@@ -25,7 +25,7 @@ from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5
 
 RATE_HZ = 1500.0
-TRIAL_S = 12.0
+TRIAL_S = 9.0
 
 
 @functools.cache

@@ -14,9 +14,11 @@ from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_term import bead_term
 from palp_core.palpation.mechanics.contact.harmonic import HarmonicSolid
 from palp_core.palpation.mechanics.contact.l2 import layer_series
+from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.section_mesh import bead_section
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.tip import contact_radius_m, over_paraboloid
 
 RADIUS_M, DEPTH_M, HEIGHT_M, NU = 0.0075, 0.004, 0.030, 0.49
@@ -117,8 +119,7 @@ def test_the_bead_converges_at_the_order_of_its_elements() -> None:
 
 
 def test_the_compliance_is_symmetric_and_positive_definite() -> None:
-    bead = bead_term(RADIUS_M, 0.001, HEIGHT_M, NU, 0.03)
-    patch = Patch(LAYER, bead, 0.006, 0.003, 0.001, 0.001)
+    patch = HarmonicContact(Phantom(bead=Bead(depth_m=0.004)), 0.006).patch(0.003)
     for offset_m in (0.0, 0.004, 0.015):
         compliance = patch.compliance(offset_m)
         assert np.abs(compliance - compliance.T).max() < 1e-12 * compliance.max()

@@ -15,7 +15,9 @@ from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, sw
 from palp_core.palpation.mechanics.equilibrium.dynamics import (
     Dynamics,
     Slip,
+    coulomb_implicit,
     simulate,
+    tanh_explicit,
 )
 from palp_core.units import Float64Array
 
@@ -93,12 +95,23 @@ def test_static_friction_makes_a_slow_ball_stick_and_slip() -> None:
     assert moved.slip_m_s.max() > 5 * 0.01
 
 
+def test_an_explicit_law_past_its_step_is_replaced_and_a_guard_states_it() -> None:
+    guarded = simulate(gel(None), Probe(), 0.016, 0.004, -0.03, -0.029, 0.02, law=tanh_explicit)
+    assert any("coulomb_implicit took over" in words for words in guarded.guards)
+    implicit = simulate(gel(None), Probe(), 0.016, 0.004, -0.03, -0.029, 0.02, law=coulomb_implicit)
+    assert np.array_equal(guarded.torque_n_m, implicit.torque_n_m)
+    assert implicit.guards == ()
+    fine = Dynamics(step_s=1e-6)
+    kept = simulate(gel(None), Probe(), 0.016, 0.004, -0.03, -0.02998, 0.02, fine, tanh_explicit)
+    assert kept.guards == ()
+
+
 def test_a_motion_that_blows_up_is_an_error_by_name() -> None:
     def without_bound(slip: Slip) -> Float64Array:
         return 1e9 * np.sign(slip.stage_m_s - slip.arm_m * slip.before_rad_s)
 
     with pytest.raises(MechanicsError, match="blew up"):
-        simulate(gel(None), Probe(), 0.016, 0.004, -0.03, -0.029, 0.02, law=without_bound)
+        simulate(gel(None), Probe(), 0.016, 0.004, -0.03, -0.029, 0.02, law=without_bound, guard=False)
 
 
 @pytest.mark.parametrize(

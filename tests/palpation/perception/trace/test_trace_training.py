@@ -13,7 +13,7 @@ from palp_core.palpation.perception.trace.texture import Texture, fit_texture
 from palp_core.palpation.perception.trace.training import learn, shrunk_covariance, sticking
 
 PATH = PositionBins.over(-0.03, 0.05, 0.002)
-MIDDLE_M = -0.03 + 0.002 * (np.arange(PATH.count) + 0.5)
+MIDDLE_M = np.asarray(-0.03 + 0.002 * (np.arange(PATH.count) + 0.5), dtype=np.float64)
 
 
 @given(st.lists(st.integers(0, 4000), max_size=8), st.booleans())

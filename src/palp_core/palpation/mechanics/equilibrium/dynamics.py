@@ -20,7 +20,7 @@ from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.joint import joint_at
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
-from palp_core.palpation.mechanics.limits import require
+from palp_core.palpation.mechanics.limits import explicit_step_s, require
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
@@ -105,6 +105,8 @@ class DynamicSweep:
     torque_n_m: Float64Array  # Torque of the sensor
     normal_n: Float64Array  # Normal force
     slip_m_s: Float64Array  # Speed of the ball over the gel along the sweep
+    # A friction law that would have blown up and what took its place; else empty
+    guards: tuple[str, ...] = ()
 
 
 def simulate(
@@ -119,6 +121,7 @@ def simulate(
     law: Callable[[Slip], Float64Array] = coulomb_implicit,
     *,
     at_rest: bool = False,
+    guard: bool = True,
 ) -> DynamicSweep:
     """Step the joint along a sweep, from its quasi-static equilibrium or from rest.
 
@@ -139,6 +142,7 @@ def simulate(
         dynamics: Inertia, damping, static friction, step.
         law: The force of friction over a step.
         at_rest: Start upright with the ball resting on the gel, so that it must break loose first.
+        guard: Replace an explicit law whose step is too long by the implicit one; the result has a guard.
 
     Raises:
         OutOfRange: An input is out of range, or the path takes more than five million steps.
@@ -161,6 +165,18 @@ def simulate(
     restoring = np.array([joint.restoring_n_m for joint in joints])
     static = max(setting.static_friction or probe.friction, probe.friction)
     dt, inertia, lever_m = setting.step_s, setting.inertia_kg_m2, probe.lever_m
+    guards: tuple[str, ...] = ()
+    if guard and law is not coulomb_implicit:
+        strongest_n = max(float(at.normal_n.max(initial=0.0)) for at in starts)
+        limit_s = explicit_step_s(
+            inertia, setting.regular_m_s, probe.friction, strongest_n, lever_m + probe.tip_radius_m
+        )
+        if law is not tanh_explicit or dt > limit_s:
+            guards = (
+                f"{getattr(law, '__name__', 'the friction law')} fails at a step of {dt:g} s "
+                f"(limit {limit_s:.2g} s); coulomb_implicit took over",
+            )
+            law = coulomb_implicit
     sticking = np.full(len(rings), float(at_rest))
     springs = np.array([probe.spring_n_m(float(r)) for r in rings])
     out = np.empty((4, len(rings), count))
@@ -211,4 +227,5 @@ def simulate(
         direction * torque_n_m,
         normal_n,
         slip_m_s,
+        guards,
     )

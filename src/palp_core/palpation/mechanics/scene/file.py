@@ -123,7 +123,7 @@ def build(kind: type[T], node: SceneNode, what: str) -> T:
             wanted = next(one for one in get_args(wanted) if one is not NoneType)
         if optional and (value.text or "").lower() in ("none", "null", "~"):
             given[name] = None
-        elif dataclasses.is_dataclass(wanted):
+        elif isinstance(wanted, type) and dataclasses.is_dataclass(wanted):
             if optional and value.text is not None:
                 raise value.error(f"{what}.{name} must be a mapping, or 'none'")
             given[name] = build(wanted, value, name if kind is Scene else f"{what}.{name}")
