@@ -24,8 +24,7 @@ from nodes.experiment_plan import (
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.policy_changes import apply_policy_changes
-from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
+from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json
 
 Word = Literal["done", "continue", "decided", "undecided", "dropped", "failed"]
 """What came of a step, for the plan."""
@@ -193,8 +192,7 @@ class Experiment(Node):
         if ring_there and state.ring_settled and state.stage_ready:
             state.swept, state.stage_ready = True, False
             state.goal_id += 1
-            if state.touch_changed:  # what the sweep meets is reported again
-                state.guards, state.touch_changed = [], False
+            state.begin_sweep()
             self._send_goal(cancel=False)
 
     def _send_goal(self, *, cancel: bool) -> None:
@@ -232,20 +230,16 @@ class Experiment(Node):
 
     @on(phantom_truth)
     def note_phantom(self, truth: PhantomTruth) -> None:
-        state = self.state
-        state.code, state.depth_m, state.true_height_m = truth.code, truth.depth_m, truth.height_offset_m
-        state.touch_changed = True
+        self.state.note_phantom(truth)
         self._advance()
 
     @on(ring_state)
     def note_ring(self, ring: RingState) -> None:
         state = self.state
         state.ring_settled = ring.settled
-        if not ring.settled and state.true_ring_m is None:  # where it lands is not known
-            state.touch_changed = True
+        state.note_ring(ring)
         if ring.rehome:  # it returns to its target, so the last command stays fulfilled
             state.rehomed = ring.settled and ring.trial == state.trial
-            state.ring_landed = True
         else:
             state.ring_trial, state.ring_iteration = ring.trial, ring.iteration
         self._advance()
@@ -258,18 +252,16 @@ class Experiment(Node):
     @on(ring_truth)
     def note_true_ring(self, truth: RingTruth) -> None:
         state = self.state
-        if truth.ring_m != state.true_ring_m:
-            of_sweep = (truth.trial, truth.iteration) == (state.trial, state.iteration)
-            if state.swept and of_sweep:  # it comes after the ring's state, on which the goal was sent
-                state.guards = []
-            else:
-                state.touch_changed = True
-        state.true_ring_m = truth.ring_m
+        of_sweep = (truth.trial, truth.iteration) == (state.trial, state.iteration)
+        if state.swept and of_sweep and truth.ring_m != state.true_ring_m:
+            state.guards = []  # it comes after the ring's state, on which the goal was sent
+            state.true_ring_m = truth.ring_m
+        else:
+            state.note_true_ring(truth)
 
     @on(guard)
     def note_guard(self, guard: ContactGuard) -> None:
-        if guard.code == self.state.code:  # and not of a phantom that is being taken off
-            self.state.guards = list(guard.words)
+        self.state.note_guard(guard)
 
     @on(policy_change)
     def _note_policy(self, change: PolicyChange) -> None:
@@ -280,7 +272,7 @@ class Experiment(Node):
     def note_sweep(self, status: SweepStatus) -> None:
         state = self.state
         if status.status == "sweeping":
-            state.enter_ns, state.leave_ns = status.enter_ns, status.leave_ns
+            state.note_sweeping(status)
         elif status.status == "cancelled" and not state.decided:
             state.swept = False  # it is swept again
         elif status.status == "ready" and status.goal_id == state.goal_id:
@@ -318,12 +310,10 @@ class Experiment(Node):
 
     def _write_row(self, palpation: Palpation, belief: Belief | None) -> None:
         state, params = self.state, self.params
-        apply_policy_changes(state, palpation)
-        row = row_of(state, palpation, belief, policy=params.policy, seed=params.seed)
+        row = state.row_of(palpation, belief, policy=params.policy, seed=params.seed)
         self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
-        state.ring_landed, state.last_ring_m = False, palpation.ring_m
-        state.policy, state.next_policy = state.next_policy or state.policy, ""
-        state.row, state.palpations_done = state.row + 1, state.palpations_done + 1
+        state.begin_next(palpation)
+        state.palpations_done += 1
         state.sweep_s += len(palpation.torque_n_m) / palpation.rate_hz
         if belief is not None and belief.verdict != "continue":
             self._close_trial(belief)

@@ -9,7 +9,7 @@ import numpy as np
 
 from msgs.estimation import Belief, Palpation
 from msgs.experiment import PolicyChange
-from palp_core import Params, Progress, ReadOnly, State
+from palp_core import Params, Progress, ReadOnly
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
@@ -24,6 +24,7 @@ from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.palpation.session.orders import GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign, Specimens
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
+from palp_core.palpation.session.row_facts import RowFacts
 from palp_core.palpation.session.trials_csv import read_rows
 from palp_core.units import Count, CountPositive, Metres, Seconds
 
@@ -86,41 +87,26 @@ class ExperimentParams(Params):
     specimens: ReadOnly[Specimens] = "same"
 
 
-class ExperimentState(State):
+class ExperimentState(RowFacts):
     """What a replacement inherits: the plan's replies so far, and the facts of the present step."""
 
     plan_seed: int = -1
     replies: list[str] = []
-    phase: str = ""
-    code: str = ""
-    remount: int = -1
-    depth_m: float = 0.0
-    trial: int = 0
-    number: int = 0
     trial_announced: bool = True
     label_m: float = 0.0
     iteration: int = 0
     commanded: bool = False
     swept: bool = False
     decided: bool = False
-    enter_ns: int | None = None
-    leave_ns: int | None = None
     goal_id: int = 0
     stage_ready: bool = True
     ring_trial: int = -1
     ring_iteration: int = -1
     ring_settled: bool = False
-    ring_landed: bool = False
-    last_ring_m: float = -1.0
     rehomed: bool = False
     waited: bool = False
-    true_ring_m: float | None = None
-    true_height_m: float | None = None
-    guards: list[str] = []
-    touch_changed: bool = False
     palpation: list[Palpation] = []
     belief: list[Belief] = []
-    row: int = 0
     palpations_done: int = 0
     right_count: int = 0
     judged: dict[str, list[int]] = {}
@@ -132,8 +118,6 @@ class ExperimentState(State):
     not_again: list[tuple[str, int]] = []
     mount_again: str = ""
     home_again: bool = False
-    policy: str = ""
-    next_policy: str = ""
     policy_changes: list[PolicyChange] = []
 
 

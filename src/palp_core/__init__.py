@@ -10,8 +10,9 @@ and a graph nothing of palpation.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from palp_core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.reader import Bag, read, to_numpy
@@ -87,40 +88,4 @@ __all__ = [
     "to_numpy",
 ]
 
-_HOME = dict.fromkeys(__all__, "node.ports") | {
-    "Bag": "bag.reader",
-    "Bench": "node.bench",
-    "DiagnosticStatus": "messages.builtin",
-    "GoalHandle": "node.action_server",
-    "Graph": "launch.graph",
-    "Message": "messages.message",
-    "MethodsUsed": "messages.builtin",
-    "Node": "node.node",
-    "NodeEvent": "messages.builtin",
-    "Params": "node.node",
-    "Progress": "messages.builtin",
-    "Qos": "messages.qos",
-    "QosEvent": "node.qos_events",
-    "ReadOnly": "node.node",
-    "RunSummary": "launch.summary",
-    "State": "node.node",
-    "enter_workspace": "node.loading",
-    "Swap": "messages.builtin",
-    "WrappedResult": "node.action_client",
-    "read": "bag.reader",
-    "to_numpy": "bag.reader",
-}
-
-
-def __getattr__(name: str) -> Any:
-    home = _HOME.get(name)
-    if home is None:
-        from palp_core.graph.problems import hint
-
-        raise AttributeError(f"module 'palp_core' has no attribute '{name}'{hint(name, __all__)}")
-    value = globals()[name] = getattr(importlib.import_module(f"palp_core.graph.{home}"), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__)

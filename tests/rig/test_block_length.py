@@ -14,7 +14,7 @@ SMALL = ("trials:=2", "training:=2", "seed:=1", "policy:=markov")
 RESULTS = ("trials.csv", "primitives.json")
 
 
-@pytest.fixture(scope="module", params=["paper", "lab"])
+@pytest.fixture(scope="module", params=["paper", pytest.param("lab", marks=pytest.mark.nightly)])
 def usual(
     request: pytest.FixtureRequest, rig_session: RigSession, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[str, Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from palp_core.errors import GraphError
 from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.report import write
+from palp_core.palpation.session.trials_csv import Row, read_rows
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
 from tests.support.sessions import no_charts
@@ -110,16 +110,14 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "trials.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+def estimated(folder: Path) -> list[Row]:
+    return [row for row in read_rows(folder) if row.phase == "estimation"]
 
 
 def test_it_chooses_every_palpation_from_the_first_on(here: Path) -> None:
-    felt = [row for row in rows(here / "Mine") if row["phase"] == "estimation"]
-    assert {row["policy"] for row in felt} == {"mine"}
-    assert all(float(row["ring_m"]) == (0.016, 0.004)[int(row["iteration"]) % 2] for row in felt)
-    assert {row["session"] for row in felt} == {"mine-3"}
+    rows = estimated(here / "Mine")
+    assert {(row.policy, row.session) for row in rows} == {("mine", "mine-3")}
+    assert all(row.ring_m == (0.016, 0.004)[row.iteration % 2] for row in rows)
 
 
 def test_result_page_and_overview_say_who_decided_and_how_to_run_it_again(here: Path) -> None:
@@ -143,8 +141,7 @@ def test_the_bag_gives_the_same_rows_and_the_class(here: Path) -> None:
 
 
 def test_a_node_with_nothing_but_what_a_policy_needs_will_do(here: Path) -> None:
-    felt = [row for row in rows(here / "Bare") if row["phase"] == "estimation"]
-    assert {(row["policy"], row["ring_m"]) for row in felt} == {("bare", "0.012")}
+    assert {(row.policy, row.ring_m) for row in estimated(here / "Bare")} == {("bare", 0.012)}
     result = json.loads((here / "Bare" / "result.json").read_text())
     assert result["protocol"]["policy"]["ring_mm"]["value"] == 12.0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+import itertools
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +17,7 @@ from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.policy_changes import unplanned_spans
 from palp_core.palpation.session.report import write
+from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import SIM
 from tests.support.rig_session import ComposedGraph
 from tests.support.sessions import no_charts
@@ -55,14 +56,6 @@ def run(out: Path, *, bag: Path | None = None) -> None:
         assert graph.run().exit_code == 0
 
 
-def policies(out: Path) -> list[tuple[int, str, str]]:
-    """Return number of the trial, palpation and policy of each row of estimation."""
-    with (out / "trials.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["phase"] == "estimation"]
-    numbers = {trial: number for number, trial in enumerate(dict.fromkeys(row["trial"] for row in rows), 1)}
-    return [(numbers[row["trial"]], row["iteration"], row["policy"]) for row in rows]
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("by_hand")
@@ -71,16 +64,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_row_names_who_chose_it(folder: Path) -> None:
-    found = policies(folder / "out")
-    by_hand = next(index for index, one in enumerate(found) if one[2] == "uniform")
-    planned = next(index for index, one in enumerate(found) if one[2] == "markov")
-    assert found[by_hand][:2] == (2, "4")  # the third was chosen before
-    assert found[planned][:2] == (4, "2")
-    assert [name for _, _, name in found] == [
-        *["fixed"] * by_hand,
-        *["uniform"] * (planned - by_hand),
-        *["markov"] * (len(found) - planned),
-    ]
+    rows = [row for row in read_rows(folder / "out") if row.phase == "estimation"]
+    spans = [next(group) for _, group in itertools.groupby(rows, key=lambda row: row.policy)]
+    found = [(row.policy, row.trial, row.iteration) for row in spans]
+    assert found == [("fixed", 1, 1), ("uniform", 2, 4), ("markov", 4, 2)]  # of trial 2 the third was chosen
 
 
 def test_result_page_and_overview_name_all_who_decided_and_the_page_what_no_command_gives(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 from collections.abc import Callable
@@ -380,31 +379,3 @@ def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen
         assert failures == []
         (report,) = reports
         assert (report.proven, report.proven_by) == (3, "choice")
-
-
-@pytest.mark.slow  # by default the README's swap is in the middle of a trial
-@pytest.mark.parametrize("how", [["--compose"], []])
-def test_the_rigs_policies_take_over_in_the_middle_of_a_trial(
-    palp: Palp, tmp_path: Path, how: list[str]
-) -> None:
-    swaps = "2=nodes.policy_uniform:Uniform,4=nodes.policy_markov:Markov"
-    small = (
-        "trials:=2",
-        "training:=3",
-        "seed:=4",
-        "policy:=fixed",
-        "shared.stop:=fixed_number",
-        f"out:={tmp_path}",
-    )
-    done = palp.run("launch", SIM, *how, f"swaps:={swaps}", *small)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "trials.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["phase"] == "estimation"]
-    trials = list(dict.fromkeys(row["trial"] for row in rows))
-    policies = [[row["policy"] for row in rows if row["trial"] == trial] for trial in trials]
-    assert policies[0] == ["fixed"] * len(policies[0])
-    assert policies[1][0] == "fixed"
-    assert policies[1][1:] == ["uniform"] * (len(policies[1]) - 1) != []
-    assert policies[3][0] == "uniform"
-    assert set(policies[3][1:]) == {"markov"}
-    assert [row["iteration"] for row in rows if row["trial"] == trials[1]][:2] == ["1", "2"]

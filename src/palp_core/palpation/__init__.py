@@ -9,8 +9,9 @@ What a notebook needs of them is here, and loads on first use:
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from palp_core.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from palp_core.palpation.identification.emg.files import read_emg
@@ -79,34 +80,4 @@ __all__ = [
     "trial_filter",
 ]
 
-_HOME = dict.fromkeys(__all__, "mechanics") | {
-    "read_emg": "identification.emg.files",
-    "fit_gel": "identification.gel_fit",
-    "simulate": "mechanics.equilibrium.dynamics",
-    "Primitives": "perception.belief.primitives",
-    "decide": "perception.belief.stopping",
-    "stop_rule": "perception.belief.stopping",
-    "TrialFilter": "perception.belief.trial_filter",
-    "TrialReading": "perception.belief.trial_filter",
-    "trial_filter": "perception.belief.trial_filter",
-    "EmgSettings": "perception.emg.analysis",
-    "analyse": "perception.emg.analysis",
-    "contrast": "perception.signal.features",
-    "peak": "perception.signal.features",
-    "denoise": "perception.signal.wavelet",
-    "read_sessions": "session.recorded_sweeps",
-    "SessionResult": "session.result",
-    "read_result": "session.result",
-}
-
-
-def __getattr__(name: str) -> Any:
-    home = _HOME.get(name)
-    if home is None:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{home}"), name)
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__)

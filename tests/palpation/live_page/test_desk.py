@@ -161,10 +161,11 @@ def test_trials_are_listed_spoilt_ones_too_of_a_bag_up_to_the_chosen_time(record
     desk = DeskMonitor(session, recorded=recorded)
     desk.load()
     desk.look()
-    both = [(1, "repeat", None), (2, "subject", 4.0)]
-    assert [(row.attempt, row.ended_by, row.answer_mm) for row in desk.rows] == both[: 1 if recorded else 2]
+    both = [(1, "repeat", 0.0), (2, "subject", 0.004)]
+    seen = [(one["attempt"], one["ended_by"], one["estimate_m"]) for one in desk.rows]
+    assert seen == both[: 1 if recorded else 2]
     session.change(now_s=2.5)
-    assert [(row.attempt, row.ended_by, row.answer_mm) for row in desk.rows] == both
+    assert [(one["attempt"], one["ended_by"], one["estimate_m"]) for one in desk.rows] == both
 
 
 def test_who_asked_last_is_shown_and_an_older_prompt_that_comes_again_is_not() -> None:

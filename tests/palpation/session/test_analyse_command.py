@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -96,20 +97,7 @@ def test_one_session_says_that_its_interval_is_its_own_and_that_trials_ran_out(s
     assert all(row["accuracy"]["ci"][0] <= row["accuracy"]["value"] for row in found["results"])
     assert "ran out of stored sweeps" not in run(session, "--stop", "posterior_threshold").output
     slow = run(session, "--stop", "posterior_threshold,fixed_number").output
-    assert "Trials ran out of stored sweeps, up to 4 of 4 (fixed_number)" in slow
-    assert "There is no trial that ran out by none" in slow
-
-
-def test_trials_that_ran_out_are_said_beside_a_comparison_without_them(record: Writer) -> None:
-    longer = record("longer", repeats=6, trials=[(0, FLAT), (2, [*FLAT, FLAT[0]])])
-    out = longer / "again"
-    done = run(longer, "--stop", "posterior_threshold,fixed_number", "--out", out)
-    told = json.loads((out / "analysis.json").read_text())
-    assert told["trials_where_none_ran_out"] == 1
-    assert [row["accuracy_where_none_ran_out"] for row in told["results"]] == [1.0, 1.0]
-    assert (
-        "Of the 1 trial that ran out by none, no fair draw from all of them: posterior_threshold 100.0 %"
-    ) in done.output
+    assert re.search(r"Trials ran out of stored sweeps, up to 4 of 4 \(.*/fixed_number\)", slow)
 
 
 def test_the_latent_filter_needs_a_noise_file_and_is_less_sure_of_readings_that_share_an_error(

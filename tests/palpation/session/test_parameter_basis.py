@@ -6,7 +6,7 @@ import importlib
 from palp_core.graph.node.node import Params
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.session.parameter_basis import BASIS, SCENE, basis_of
+from palp_core.palpation.session.parameter_basis import BASIS, SCENE
 
 PARAMS = {
     "experiment": ("nodes.experiment:ExperimentParams",),
@@ -38,20 +38,6 @@ def declared(node: str) -> set[str]:
 
 def test_each_basis_is_of_a_parameter_that_exists() -> None:
     assert set(BASIS) <= {f"{node}.{name}" for node in PARAMS for name in declared(node)}
-
-
-CHOICES = {
-    "experiment": {"out", "overwrite", "policy", "seed", "session", "stop", "scene"},
-    "actuator": {"device"},
-    "stage": {"device", "options", "block_samples", "within_sweep"},
-    "torque": {"device"},
-    "emg": {"device", "block_samples", "options", "cued", "phantoms", "blind", "key"},
-}
-
-
-def test_every_parameter_has_a_basis_or_is_a_choice_of_the_run_or_the_software() -> None:
-    unexplained = {node: {name for name in declared(node) if not basis_of(node, name)} for node in PARAMS}
-    assert {node: names for node, names in unexplained.items() if names} == CHOICES
 
 
 def test_every_number_of_the_simulated_scene_has_a_basis() -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 TrialArgument = Annotated[int, argument("Its number in its phase.", "TRIAL", min=1)]
 FolderArgument = Annotated[Path, argument("The session's folder.", "DIR", show_default="results/latest")]
 TrainingOption = Annotated[bool, option("A trial of training, not of estimation.", "--training")]
-ReasonOption = Annotated[str, option("Why, in words.", "--reason", show_default=False)]
+ReasonOption = Annotated[str, option("Why.", "--reason", show_default=False)]
 LATEST = Path("results/latest")
 
 
@@ -74,12 +74,12 @@ def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bo
 
 
 def _goes_on(folder: Path) -> bool:
-    """Tell whether a session has not come to its end: it is under way, or was interrupted."""
+    """Return whether a session has not come to its end: it is under way, or was interrupted."""
     from palp_core.palpation.session.run_note import read_note
 
     try:
         return read_note(folder).exit_code != 0
-    except PalpError:  # nobody knows what run it was of
+    except PalpError:  # it is unknown what run it was of
         return False
 
 
@@ -87,7 +87,7 @@ def seal(
     key: Annotated[Path, argument("The file that is written.", "KEY")],
     phantoms: Annotated[str, option("YAML file of phantoms; empty: the paper's three.")] = "",
 ) -> None:
-    """Tells what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY"""
+    """Prints what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY"""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
     from palp_core.palpation.mechanics.scene.sealed import seal as write_key
 
@@ -99,7 +99,7 @@ def seal(
 def unseal(
     folder: Annotated[Path, argument("The session's folder.", "DIR")],
     *,
-    reason: Annotated[str, option("Why now, in words.", show_default=False)],
+    reason: Annotated[str, option("Why now.", show_default=False)],
     key: Annotated[Path | None, option("The key; default: DIR/key.sealed.")] = None,
     as_json: JsonOption = False,
 ) -> None:

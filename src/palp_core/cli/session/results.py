@@ -22,7 +22,7 @@ def list_sessions(
     out: Annotated[Path | None, option("Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Unfinished, running, damaged and empty sessions are listed in words; whole ones are pooled, without
+    """Unfinished, running, damaged and empty sessions are listed, too; whole ones are pooled, without
     excluded trials. Status 1: none counts.
     """
     from palp_core.palpation.session.many.overview import find_sessions
@@ -67,7 +67,7 @@ def report(
 ) -> None:
     """Write result.json and report.html with all charts, from the session's rows and sweeps (human.json and
     human.html, of a session with a person). Of a bag the rows and sweeps are made first, from what the nodes
-    said.
+    published.
     """
     from palp_core.palpation.session.bag_record import is_bag, write_record
     from palp_core.palpation.session.human.record import is_human_session
@@ -159,8 +159,8 @@ def people(
     out: Annotated[Path | None, option("Folder for human.html, human.json and charts.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """With the power that such sessions have. Trials that were excluded or are to be done again do
-    not count. Of simulated people, recordings and scripts no accuracy is ever given.
+    """Trials that were excluded or are to be done again do not count. Of simulated people, recordings and
+    scripts no accuracy is ever given.
     """
     from palp_core.palpation.session.human.analysis import analyse, gather
     from palp_core.palpation.session.human.report import headline, write_human

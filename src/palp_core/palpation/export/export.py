@@ -29,7 +29,7 @@ _MOST_BYTES = (1 << 31) - (1 << 20)  # of a variable, in version 5 of MATLAB's f
 
 
 def default_out(path: Path, form: Form) -> Path:
-    """Return where an export goes if nobody says it: beside what is exported."""
+    """Return where an export goes by default: next to what is exported."""
     name = path.resolve().name.removesuffix(".mcap")
     return path.resolve().with_name(f"{name}{_FILES[form]}" if form in _FILES else f"{name}_{form}")
 

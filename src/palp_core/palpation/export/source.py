@@ -38,7 +38,7 @@ class ExportSource:
     tables: dict[str, ExportTable]
     sheet: SessionSheet | None
     run: dict[str, Any]  # which run it is, as plain values
-    notes: tuple[str, ...]  # for whoever exports it
+    notes: tuple[str, ...]  # for who exports it
 
     @property
     def facts(self) -> dict[str, Any]:

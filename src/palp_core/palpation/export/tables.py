@@ -1,4 +1,4 @@
-"""The tables of a session, from its record and from EMG beside it; the data dictionary of all of them.
+"""The tables of a session, from its record and its EMG; the data dictionary of all of them.
 
 ``dictionary.csv`` has every column of every table with unit and meaning; all formats and the docs have it.
 """
@@ -28,7 +28,7 @@ FLAG_MISSING = -1
 """What a flag is in formats that know integers only, where it is neither 1 nor 0."""
 
 PER_CLASS = "<class>"
-"""Stands in a column's name for the depth, as 2mm or 2p5mm: there is such a column for every class."""
+"""In a column's name for the depth, as 2mm or 2p5mm: there is such a column for every class."""
 
 _DTYPE: dict[str, Any] = {"integer": np.int64, "number": np.float64, "text": object, "flag": np.int8}
 

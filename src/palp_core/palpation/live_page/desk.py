@@ -24,18 +24,6 @@ class Question(msgspec.Struct, frozen=True):
     stamp_ns: int
 
 
-class HumanTrialRow(msgspec.Struct, frozen=True):
-    """A trial of a person that is over; lengths in mm. Without the truth."""
-
-    phase: str
-    number: int
-    attempt: int
-    phantom: str
-    palpation_s: float
-    ended_by: str
-    answer_mm: float | None
-
-
 class DeskMonitor:
     """The operator's desk as one page sees it."""
 
@@ -117,31 +105,19 @@ class DeskMonitor:
         return None
 
     @property
-    def rows(self) -> list[HumanTrialRow]:
-        """The trials that are over, the first one first; of a bag, by the chosen time."""
+    def rows(self) -> list[dict[str, Any]]:
+        """The ``HumanTrialDone`` of each trial, the first one first; of a bag, by the chosen time."""
         now_s = self._source.overview().now_s if self._recorded else None
         until_ns = None if now_s is None else round(now_s * 1e9)
         return [
-            _row(message)
+            message
             for _, (stamp_ns, message) in sorted(self._done.items())
             if until_ns is None or stamp_ns <= until_ns
         ]
 
 
-def _row(done: dict[str, Any]) -> HumanTrialRow:
-    return HumanTrialRow(
-        phase=done["phase"],
-        number=done["number"],
-        attempt=done["attempt"],
-        phantom=done["phantom"],
-        palpation_s=done["palpation_s"],
-        ended_by=done["ended_by"],
-        answer_mm=round(1e3 * done["estimate_m"], 3) if done["answered"] else None,
-    )
-
-
 def buttons_of(question: Question) -> list[tuple[str, str]]:
-    """Return what may be pressed as an answer: what stands on the button, and what is sent.
+    """Return what may be pressed as an answer: what is on the button, and what is sent.
 
     >>> buttons_of(Question("session", 3, "enter", "Palpating.", ["", "again"], 0))
     [('go on (Enter)', ''), ('again', 'again')]

@@ -21,7 +21,7 @@ def rig(viewer: Viewer) -> None:
 
 
 def strip(viewer: Viewer) -> None:
-    """Fill the strip on top of every page: how safety stands, and stop."""
+    """Fill the strip on top of every page: the state of safety, and stop."""
     from palp_core.palpation.live_page.drawing.strip import fill
 
     fill(viewer)

@@ -78,7 +78,7 @@ def acknowledge_text(reply: Mapping[str, Any]) -> str:
 def heading(troubles: Sequence[Trouble]) -> tuple[str, list[Trouble]] | None:
     """Return what heads a page while somebody's stop holds, and what else is wrong; None while none does.
 
-    Who stopped it, and what to do, stands next to the button.
+    Who stopped it, and what to do, is next to the button.
     """
     rest = [one for one in troubles if not one.text.startswith(f"tripped: {OPERATOR}")]
     return (STOPPED_ON_PURPOSE, rest) if len(rest) < len(troubles) else None

@@ -115,7 +115,7 @@ class TrialBoard:
         self._took_over.append(change)
 
     def mixed_text(self) -> str:
-        """Return in words which policies took over among these trials; "" where all are of one policy."""
+        """Return which policies took over among these trials; "" where all are of one policy."""
         first = min(self._results, default=0)
         found = [
             f"{one['policy']} from trial {1 + sum(trial < one['trial'] for trial in self._results)} on"
@@ -160,7 +160,7 @@ class TrialBoard:
         return _share(self.judged)
 
     def by_depth(self) -> dict[float, Proportion]:
-        """Return it for each depth in mm: phantoms come in blocks, so the total tells whose block it is."""
+        """Return it for each depth in mm: phantoms come in blocks, so the total shows whose block it is."""
         found = {}
         for depth_mm in sorted({row.depth_mm for row in self.judged if row.depth_mm is not None}):
             share = _share([row for row in self.judged if row.depth_mm == depth_mm])

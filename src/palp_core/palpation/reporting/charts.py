@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, told apart with any colour vision; line style and marker say the same again. The
+# Okabe and Ito's palette, distinct with any colour vision; line style and marker say the same again. The
 # three lightest are darker here: a line of any of them has the contrast that WCAG AA wants, light and dark.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PINK, SKY, AMBER = "#B9608F", "#399AD6", "#C08500"
@@ -71,7 +71,7 @@ class Chart:
 
     @property
     def alt(self) -> str:
-        """What it shows for whoever does not see it: the title, and what is plotted from where to where."""
+        """What it shows for readers who do not see it: the title, and what is plotted from where to where."""
         columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
         spans = [_span(name, cells) for name, cells in zip(self.columns, columns, strict=True)]
         end = "" if self.title.endswith(("?", ".", "!")) else "."
@@ -128,7 +128,7 @@ def depth_style(index: int) -> dict[str, Any]:
 
 
 def ring_colours(count: int) -> list[Any]:
-    """Return colours for ring positions in order: dark to light, told apart in grey too."""
+    """Return colours for ring positions in order: dark to light, distinct in grey too."""
     from matplotlib import colormaps
 
     return [colormaps["cividis"](0.85 * i / max(count - 1, 1)) for i in range(count)]

@@ -1,7 +1,7 @@
 """Pages from templates: one base with one style sheet, one file of macros; a page needs no other file.
 
 The words of a page are in its template, ``templates/NAME.html``; Python hands in values, and the filters
-below write them. A value that a template names and nobody hands in is an error. Headings get ids, to which a
+below write them. A value that a template names and does not get is an error. Headings get ids, to which a
 contents list leads; ``glossary.csv`` explains the words that a page uses and a reader cannot guess.
 """
 
@@ -33,7 +33,7 @@ class Picture:
     name: str
     title: str
     caption: str
-    alt: str  # what it shows, for whoever does not see it
+    alt: str  # what it shows, for readers who do not see it
     svg: bytes
     files: tuple[str, ...] = ()  # names of its files, where it has any
 
@@ -122,7 +122,7 @@ def outlined(body: str) -> Outline:
 
 @cache
 def glossary() -> list[tuple[re.Pattern[str], str, str]]:
-    """Return pattern, name and meaning of each word; one with capitals is meant as it stands: EMG."""
+    """Return pattern, name and meaning of each word; one with capitals is meant as it is: EMG."""
     with Path(__file__).with_name("glossary.csv").open(encoding="utf-8", newline="") as file:
         _, *lines = csv.reader(file)
     return [
@@ -167,7 +167,7 @@ def points(difference: float) -> str:
 
 
 def plain(value: Any, digits: int = 6, nothing: str = "(none)") -> str:
-    """Return any value for people; ``digits`` count for floats, ``nothing`` stands for no value.
+    """Return any value for people; ``digits`` count for floats, ``nothing`` is for no value.
 
     >>> plain([0.1, "a"]), plain(""), plain(1 / 3, 4)
     ('0.1, a', '(none)', '0.3333')

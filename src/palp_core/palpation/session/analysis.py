@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.methods import names as names_of
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -29,7 +28,7 @@ _TASKS = ("denoise", "feature", "filter", "likelihood", "stop")
 def combinations(
     *, trace_filter: str = "", stop: str, more: Mapping[str, Any], **named: str
 ) -> list[Methods]:
-    """Return every combination of names given with commas; ``all`` stands for every one.
+    """Return every combination of names given with commas; ``all`` means every one.
 
     With a ``trace_filter`` whole traces are read, and only it and the stop rules are combined. ``more`` are
     other fields of :class:`Methods`.
@@ -46,10 +45,10 @@ def combinations(
     ]
 
 
-def _named(task: str, said: str) -> list[str]:
-    if said == "all":
+def _named(task: str, given: str) -> list[str]:
+    if given == "all":
         return names_of(task)
-    return [word.strip() for word in said.split(",") if word.strip()]
+    return [word.strip() for word in given.split(",") if word.strip()]
 
 
 def analyse(
@@ -62,25 +61,12 @@ def analyse(
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
     rows: list[dict[str, Any]] = []
-    all_decided = []
     for combo in combos:
         decided = [reanalyse(session, combo, noise=noise, scene=scene) for session in sessions]
-        all_decided.append(decided)
         shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
         first = rows[0]["accuracy_per_session"] if rows else shares
         rows.append(_row(combo, decided, shares, first))
-    ended = set.intersection(*map(_ended, all_decided))
-    for row, decided in zip(rows, all_decided, strict=True):
-        pairs = [
-            (again, trial)
-            for i, again in enumerate(decided)
-            for trial in again.trials
-            if (i, trial.trial) in ended
-        ]
-        right = [_right(again, trial) for again, trial in pairs if trial.depth_m is not None]
-        row["accuracy_where_none_ran_out"] = float(np.mean(right)) if right else None
     return {
-        "trials_where_none_ran_out": len(ended),
         "sessions": [
             {
                 "path": str(one.path),
@@ -96,33 +82,18 @@ def analyse(
     }
 
 
-def _ended(decided: Sequence[ReanalysedSession]) -> set[tuple[int, int]]:
-    """Return the trials, each with its session's place, that did not run out of sweeps."""
-    return {(i, t.trial) for i, again in enumerate(decided) for t in again.trials if t.verdict != "ran_out"}
-
-
 def remarks_of(record: dict[str, Any]) -> list[str]:
     """Return what a reader of the table must know: trials that wanted more than was stored."""
     most = max(record["results"], key=lambda row: row["ran_out"])
     if not most["ran_out"]:
         return []
-    differ = [task for task in _TASKS if len({_shown(one, task) for one in record["results"]}) > 1]
-
-    def methods(row: dict[str, Any]) -> str:
-        return "/".join(_shown(row, task) for task in differ or ("filter",))
-
-    remark = (
-        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} ({methods(most)}): "
+    methods = "/".join(_shown(most, task) for task in _TASKS)
+    return [
+        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} ({methods}): "
         "the rule wanted another, the session had stopped, and the trial counts by its belief at that point. "
-        "A method that asks for more is marked down by that, not by being wrong."
-    )
-    count, name = record["trials_where_none_ran_out"], "accuracy_where_none_ran_out"
-    if not count:
-        return [f"{remark} There is no trial that ran out by none; compare by a simulation (palp launch)."]
-    shares = [(methods(row), row[name]) for row in record["results"] if row[name] is not None]
-    compared = ", ".join(f"{methods} {100.0 * share:.1f} %" for methods, share in shares)
-    trials = counted(count, "trial")
-    return [f"{remark} Of the {trials} that ran out by none, no fair draw from all of them: {compared}."]
+        "A method that asks for more is marked down by that, not by being wrong; compare such methods by a "
+        "simulation (palp launch)."
+    ]
 
 
 def _rights(again: ReanalysedSession) -> list[bool]:
@@ -131,7 +102,7 @@ def _rights(again: ReanalysedSession) -> list[bool]:
 
 
 def _right(again: ReanalysedSession, trial: ReanalysedTrial) -> bool:
-    """Tell whether of all trained depths the true one is the nearest to the estimate."""
+    """Return whether of all trained depths the true one is the nearest to the estimate."""
     taught = again.primitives.depths_m
     nearest_m = float(taught[np.argmin(np.abs(taught - trial.estimate_m))])
     return abs(nearest_m - float(trial.depth_m or 0.0)) < 1e-9

@@ -1,11 +1,11 @@
-"""What was decided about single trials after they were made: appended beside the record, never taken back.
+"""What was decided about single trials after they were made: appended next to the record, never taken back.
 
 ::
 
     OUT/audit.csv    one line per decision: phase, trial, what, why, when, who
 
 A trial is ``exclude``d, or is to be done again (``redo``): either way its numbers do not count any more. The
-record itself stays as it was measured; whoever analyses it asks :func:`left_out`. A session that still goes
+record itself stays as it was measured; an analysis asks :func:`left_out`. A session that still goes
 on does what is marked ``redo`` again at its end, as another trial, and says so (``redone``).
 """
 

@@ -25,10 +25,10 @@ from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.session.plan import policy_name
-from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.roles import GUARD, NoSession, Roles, roles_of
+from palp_core.palpation.session.row_facts import RowFacts
 from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
-from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
+from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json
 from palp_core.whole_file import write_json
 
 _NAMED_BY = "--out"
@@ -43,7 +43,7 @@ _NEEDED_IN_ESTIMATION = ("Belief", "PrimitivesLearnt")
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path is a bag, or one of its files, and no session's folder."""
+    """Return whether a path is a bag, or one of its files, and no session's folder."""
     return path.suffix == ".mcap" or (any(path.glob("*.mcap")) and not (path / RUN).exists())
 
 
@@ -123,7 +123,7 @@ def _read(bag: Bag, topics: Sequence[str]) -> tuple[list[BagMessage], str]:
     damage = ""
     try:
         for message in bag.messages(topics):
-            messages.append(message)  # noqa: PERF402, what stands before the damage is kept
+            messages.append(message)  # noqa: PERF402, what is before the damage is kept
     except BagDamaged as error:
         damage = str(error)
     return sorted(messages, key=lambda message: message.publish_ns), damage
@@ -163,8 +163,8 @@ def _refuse_lacking(
             raise PalpError(f"{path}: holds no palpation: nothing of {name} is in it")
     if lacking:
         raise PalpError(
-            f"{path}: nothing of {', '.join(lacking)} is in it, and without it the session cannot "
-            "be told; record the whole run: palp launch FILE --record DIR, or palp bag record -a"
+            f"{path}: nothing of {', '.join(lacking)} is in it, and without it there is no "
+            "session; record the whole run: palp launch FILE --record DIR, or palp bag record -a"
         )
 
 
@@ -204,7 +204,7 @@ def _why_unfinished(rows: Sequence[Row], by_kind: Mapping[str, list[Any]], damag
 def _listens(
     launch: RunSummary, roles: Roles, kind_of: Mapping[str, str], present: set[str], recorded: Iterable[str]
 ) -> dict[str, list[str]]:
-    """Return what nodes read, without guards of which nobody can tell whether they were recorded.
+    """Return what nodes read, without guards of which it is unknown whether they were recorded.
 
     A phantom that met nothing published no guard; another topic of it shows that its topics were recorded.
     """
@@ -215,36 +215,12 @@ def _listens(
     return {node: [name for name in names if name not in unknown] for node, names in launch.listens.items()}
 
 
-@dataclasses.dataclass
-class _Facts:
-    """What the experiment's state would be."""
-
-    row: int = 0
-    phase: str = ""
-    code: str = ""
-    remount: int = -1
-    trial: int = -1
-    number: int = 0
-    depth_m: float = 0.0
-    true_ring_m: float | None = None
-    true_height_m: float | None = None
-    guards: list[str] = dataclasses.field(default_factory=list)
-    ring_landed: bool = False
-    last_ring_m: float = -1.0
-    policy: str = ""
-    next_policy: str = ""
-    policy_changes: list[Any] = dataclasses.field(default_factory=list)
-    touch_changed: bool = False
-    enter_ns: int | None = None
-    leave_ns: int | None = None
-
-
 class _RecordBuilder:
     """Makes the rows again: follows what the experiment received and published, and keeps what it kept."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
         self._policy, self._seed = str(params.get("policy", "")), int(params.get("seed", 0))
-        self._facts = _Facts()
+        self._facts = RowFacts()
         self._palpation: Any = None
         self._belief: Any = None
         self._written: set[tuple[int, int]] = set()
@@ -256,23 +232,20 @@ class _RecordBuilder:
             case "Mount":
                 facts.code = ""
             case "PhantomTruth":
-                facts.code, facts.remount, facts.touch_changed = value.code, value.remount, True
-                facts.depth_m, facts.true_height_m = value.depth_m, value.height_offset_m
+                facts.remount = value.remount
+                facts.note_phantom(value)
             case "Trial":
                 facts.trial, facts.number, facts.phase = value.trial, value.number, value.phase
             case "RingState":
-                facts.ring_landed |= value.rehome
-                facts.touch_changed |= not value.settled and facts.true_ring_m is None
+                facts.note_ring(value)
             case "RingTruth":
-                facts.touch_changed |= value.ring_m != facts.true_ring_m
-                facts.true_ring_m = value.ring_m
+                facts.note_true_ring(value)
             case "SweepGoal":
-                if facts.touch_changed:  # what the sweep meets is published again
-                    facts.guards, facts.touch_changed = [], False
+                facts.begin_sweep()
             case "SweepStatus" if value.status == "sweeping":
-                facts.enter_ns, facts.leave_ns = value.enter_ns, value.leave_ns
-            case "ContactGuard" if value.code == facts.code:
-                facts.guards = list(value.words)
+                facts.note_sweeping(value)
+            case "ContactGuard":
+                facts.note_guard(value)
             case "Swap":
                 facts.next_policy = policy_name(value.run)
             case "PolicyChange":
@@ -294,12 +267,9 @@ class _RecordBuilder:
             return None
         if of in self._written:  # a message that is in the bag twice
             return None
-        apply_policy_changes(facts, palpation)
-        row = row_of(facts, palpation, belief, policy=self._policy, seed=self._seed)
         self._written.add(of)
-        facts.row += 1
-        facts.ring_landed, facts.last_ring_m = False, palpation.ring_m
-        facts.policy, facts.next_policy = facts.next_policy or facts.policy, ""
+        row = facts.row_of(palpation, belief, policy=self._policy, seed=self._seed)
+        facts.begin_next(palpation)
         self._palpation = self._belief = None
         return row, palpation
 
@@ -323,8 +293,8 @@ def _roles(launch: RunSummary, path: Path) -> Roles:
         return roles_of(launch)
     except NoSession as error:
         raise PalpError(
-            f"{path}: no bag of a session: graph '{launch.graph}' has no palpations and no methods to tell "
-            f"of ({error.why}); what the bag holds says palp bag info {path}"
+            f"{path}: no bag of a session: graph '{launch.graph}' has no palpations and no methods "
+            f"({error.why}); what the bag holds says palp bag info {path}"
         ) from error
     except PalpError as error:
         raise PalpError(f"{path}: no bag of a session: {error}") from error

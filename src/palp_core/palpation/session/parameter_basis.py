@@ -1,13 +1,10 @@
 """On what each number of the protocol rests: published, a data sheet, or assumed.
 
 Keys are ``role.parameter``, the role as of :mod:`palp_core.palpation.session.roles`. What is not listed is a
-choice of the run, such as its seed, or of the software, such as the length of a block.
+choice of the run, such as its seed or a file, or of the software, such as the length of a block.
 """
 
 BASIS = {
-    "experiment.wait_s": "choice: the wait of the plan 'repeatability'",
-    "experiment.plan": "choice: the paper's experiment, or how well the rig repeats itself",
-    "experiment.swaps": "choice: policies that take over in a trial",
     "experiment.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
     "experiment.trials": "published for the human strategy: 100; not stated for a fixed position",
     "experiment.training": "published: 25",
@@ -32,26 +29,19 @@ BASIS = {
     "policy.reading": "the published equations allow three readings; this one is assumed",
     "policy.mixture": "published as the average strategy; how it mixes the depths is assumed",
     "policy.ring_sd_mm": "data sheet's +-0.3 mm as a uniform error: 0.3 / sqrt(3) mm",
-    "policy.knows": "choice: what the policy knows to stay in a trial",
     "policy.height_sd_mm": "assumed, as of the simulated phantom",
-    "policy.noise": "choice: noise file of this rig; empty: the two spreads",
-    "policy.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
     "policy.feature": "published: the peak; what the estimator reads off a sweep",
     "policy.depths": "published: the trained depths (0); as of the estimator",
     "policy.training": "published: 25; as of the experiment",
-    "policy.per_second": "choice: weigh bits by the seconds they cost",
     "policy.start_mm": "assumed: the stiffest",
     "policy.start_level": "assumed: the middle",
-    "policy.chain": "choice: chains learnt from EMG; empty: the reconstruction of Figure 5",
     "policy.depths_mm": "published: 2, 4, 8 mm",
     "policy.mean_level": "initial level: assumed, the middle of the scale",
     "actuator.repeatability_mm": "published, and data sheet L12-50-210-06-I: ±0.3 mm",
     "actuator.ring_error": "how the data sheet's ±0.3 mm is read: assumed",
     "actuator.backlash_mm": "not known; 0 assumed",
-    "actuator.noise": "choice: noise file of this rig; empty: the parameters above",
     "stage.rate_hz": "published: 1000 Hz",
     "stage.sweep_speed_m_s": "published: 20 mm/s",
-    "stage.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
     "stage.lift_mm": "assumed: clears the tissue",
     "stage.from_m": "assumed, as of the experiment: with the margin, where a policy may sweep",
     "stage.to_m": "assumed, as of the experiment",
@@ -59,21 +49,14 @@ BASIS = {
     "stage.speed_m_s": "assumed: the fastest a policy may ask for",
     "stage.lift_speed_m_s": "assumed",
     "phantom.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
-    "phantom.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
-    "phantom.reading": "choice, as of the estimator: the contact model must get right what is read",
-    "phantom.feature": "choice, as of the estimator",
-    "phantom.tolerance": "choice: how wrong the contact model may be",
     "phantom.from_m": "assumed",
     "phantom.to_m": "assumed",
     "phantom.indentation_mm": "assumed",
     "phantom.height_sd_mm": "assumed: set down by hand against a stop",
     "phantom.world": "published when 'paper'; else each parameter of the world has its own basis",
-    "phantom.noise": "choice: noise file of this rig; empty: the spread above",
     "phantom.friction": "assumed",
     "phantom.tip_mass_kg": "assumed",
     "torque.noise_sd_n_mm": "assumed: one step of the resolution",
-    "torque.noise": "choice: noise file of this rig; empty: the noise above",
-    "torque.world": "choice: as of the phantom; how the sensor's zero walks, where the drift below is 0",
     "torque.resolution_n_mm": "maker's figure for the Nano17 SI-12-0.12: 1/64 N mm; published: 0.015",
     "torque.bias_drift_n_mm_per_sqrt_s": "not known; 0 assumed",
     "torque.gain_drift_per_sqrt_s": "not known; 0 assumed",
@@ -84,18 +67,15 @@ BASIS = {
     "estimator.likelihood": "published: normal",
     "estimator.filter": "published: every reading independent (naive)",
     "estimator.depths": "published: the trained depths (0)",
-    "estimator.noise": "choice: noise file of this rig; empty: the two spreads below",
     "estimator.ring_sd_mm": "data sheet's +-0.3 mm as a uniform error: 0.3 / sqrt(3) mm",
     "estimator.height_sd_mm": "assumed, as of the simulated phantom",
     "estimator.reading": "published: one feature of a sweep; the whole trace is palp's own",
-    "estimator.trace_filter": "choice: what a whole trace is read by; of the reading 'trace' only",
     "estimator.from_m": "assumed, as of the experiment; of the reading 'trace' only",
     "estimator.to_m": "assumed, as of the experiment; of the reading 'trace' only",
-    "estimator.bin_mm": "choice: length over which torque is averaged; of the reading 'trace' only",
     "estimator.trace_height_sd_mm": "assumed; of the reading 'trace' only",
     "estimator.friction_sd": "assumed: share of the friction, over mountings; of the reading 'trace' only",
     "estimator.modulus_sd": "assumed: share of the modulus, over mountings; of the reading 'trace' only",
-    "estimator.place_sd_mm": "assumed: of the bead along and beside the path; of the reading 'trace' only",
+    "estimator.place_sd_mm": "assumed: of the bead along and across the path; of the reading 'trace' only",
     "estimator.tip_sd_mm": "assumed: of the ball's radius; of the reading 'trace' only",
     "estimator.bias_sd_n_mm": "assumed: of the sensor's zero in a sweep; of the reading 'trace' only",
     "estimator.slope_error": "assumed: what the mechanics' slopes are wrong by; of the reading 'trace' only",
@@ -103,11 +83,8 @@ BASIS = {
     "estimator.texture_sd_n_mm": "assumed; of the reading 'trace' only",
     "estimator.texture_length_mm": "assumed; of the reading 'trace' only",
     "estimator.sweep_speed_m_s": "published: 20 mm/s; of the reading 'trace' only",
-    "estimator.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
-    "estimator.stop_value": "choice: the stop rule's own number; 0: its default",
     "estimator.stop": "published: correlation distance below 0.0005; guards and other rules assumed",
     "estimator.rate_hz": "published: 1000 Hz",
-    "estimator.largest_gap_s": "choice: a longer gap in a sweep is said; three samples",
     "estimator.max_probes": "not published; assumed",
     "estimator.training": "published: 25; as of the experiment",
     "estimator.resolution_n_mm": "maker's figure: 1/64 N mm; the floor of a primitive's deviation",
@@ -116,8 +93,6 @@ BASIS = {
     "emg.mvc_s": "not published; assumed",
     "emg.palpation_s": "published: at most 60 s",
     "cocontraction.window_s": "not published; assumed",
-    "cocontraction.mvc_rule": "choice: published is the sum of maxima, which their scatter makes too large",
-    "cocontraction.level_rule": "choice: published is the largest value of a peak",
     "cocontraction.on_share": "not published; assumed: half the lowest level",
     "cocontraction.off_share": "not published; assumed",
     "cocontraction.rest_spreads": "not published; assumed",
@@ -127,7 +102,6 @@ BASIS = {
     "cocontraction.top_share": "not published; assumed",
     "cocontraction.shelf_s": "not published; assumed: as long as the plateau of an MVC",
 }
-
 
 SCENE = {
     "connecting_m": "published: 143 mm",
@@ -150,5 +124,5 @@ SCENE = {
 
 
 def basis_of(role: str, parameter: str) -> str:
-    """Return what a parameter of a node in a role rests on; empty where nothing is to be said."""
+    """Return what a parameter of a node in a role rests on; empty if it is not listed."""
     return BASIS.get(f"{role}.{parameter}", "")

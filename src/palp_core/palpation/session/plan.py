@@ -36,7 +36,7 @@ class PlannedPhantom:
 
 @dataclass(frozen=True)
 class MountPhantom:
-    """Put a phantom on the rig, anew even if it is the same one."""
+    """Put a phantom on the rig, again even if it is the same one."""
 
     phantom: str
 
@@ -61,8 +61,8 @@ class BeginTrial:
     number: int  # number of the trial in its phase, from 1: what people are shown and name
     phase: Phase  # ``training``, ``estimation``, or a condition of another plan
     phantom: str  # code of the mounted phantom
-    label_known: bool  # whether the depth may be told: in training only
-    label_m: float  # the depth, m; 0 where it may not be told
+    label_known: bool  # whether the depth is public: in training only
+    label_m: float  # the depth, m; 0 where it is not public
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def experiment(
             yield from _trial(design, numbers, phase, phantom, ring_m, homes=homes)
     by_code = {phantom.code: phantom for phantom in design.phantoms}
     for place in itertools.count():
-        if place == len(again):  # asked anew each time: a mark may have come meanwhile
+        if place == len(again):  # asked again each time: a mark may have come meanwhile
             return
         phantom = by_code[again[place][1]]
         yield from _done(MountPhantom(phantom.code))
@@ -317,7 +317,7 @@ def planned(text: str) -> dict[int, str]:
 
 
 def policy_name(run: str) -> str:
-    """Return the name under which a policy stands in the record.
+    """Return the name of a policy in the record.
 
     >>> policy_name("nodes.policy_markov:Markov")
     'markov'

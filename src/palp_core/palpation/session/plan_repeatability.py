@@ -16,7 +16,7 @@ CONDITIONS: tuple[Phase, ...] = ("stay", "reposition", "remount", "hour")
 
 
 def is_repeatability(phases: Sequence[str]) -> bool:
-    """Tell whether a session with these phases followed the plan."""
+    """Return whether a session with these phases followed the plan."""
     return any(phase in CONDITIONS for phase in phases)
 
 
@@ -25,7 +25,7 @@ class RepeatDesign:
     """The plan's numbers; all are choices."""
 
     phantom: str
-    # ring positions of ``stay`` and ``reposition``, at least two: their means tell how a reading answers to
+    # ring positions of ``stay`` and ``reposition``, at least two: their means show how a reading answers to
     # the ring. The last one is that of ``remount`` and ``hour``
     rings_m: tuple[float, ...] = (0.004, 0.008, 0.012, 0.016)
     stay: int = 8  # sweeps without moving anything, per ring
@@ -34,7 +34,7 @@ class RepeatDesign:
     hours: int = 2
     wait_s: float = 3600.0
     # sweeps per positioning, mounting, and before and after a wait; at least two, so that what differs
-    # between groups is told from what differs within
+    # between groups is separated from what differs within
     group: int = 2
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """Which policy chose each palpation, and what was changed of nodes while a session ran."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -37,24 +37,6 @@ class NodeChange(msgspec.Struct, kw_only=True):
     params: dict[str, Any]
 
 
-class ChangingFacts(Protocol):
-    """Who chooses: ``policy_changes``, each from a palpation on, are those that no row has come to yet."""
-
-    policy: str
-    policy_changes: list[Any]
-
-
-def apply_policy_changes(facts: ChangingFacts, palpation: Any) -> None:
-    """Let ``facts.policy`` be the one that chose a palpation, before its row is made."""
-    of = (palpation.trial, palpation.iteration)
-    while facts.policy_changes:
-        first = facts.policy_changes[0]
-        if (first.trial, first.iteration) > of:
-            return
-        facts.policy = first.policy
-        del facts.policy_changes[0]
-
-
 def policy_spans(rows: Sequence[Row]) -> list[PolicySpan]:
     """Return which policy chose from which palpation of estimation on."""
     found: list[PolicySpan] = []
@@ -68,7 +50,7 @@ def policy_spans(rows: Sequence[Row]) -> list[PolicySpan]:
 def unplanned_spans(rows: Sequence[Row], policy: str, swaps: str) -> list[PolicySpan]:
     """Return from which palpation of estimation on a policy chose that neither beginning nor swaps lead to.
 
-    A planned policy chooses from the palpation after the first of its trial; one that never came is told by
+    A planned policy chooses from the palpation after the first of its trial; one that never came shows by
     the policy that chose in its place.
     """
     by_plan, due = planned(swaps), policy_name(policy)

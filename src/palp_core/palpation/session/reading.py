@@ -1,7 +1,7 @@
 """What a session reads off its sweeps: a feature of each, or its whole torque; live and in a re-analysis.
 
 What was read is plain data in a :class:`ReadingMemory`, which a successor inherits. A belief is always that
-of this data, whoever makes it and however many samples at a time: what a reading remembers saves time only.
+of this data, whichever node makes it: what a reading remembers in addition saves time only.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from palp_core.units import Float64Array
 
 _ALIKE_M = 1e-9
 MISFIT_P = 0.01
-"""Torques that fit no worse are more probable than this; others are said not to fit."""
+"""Torques that fit no worse are more probable than this; others are reported not to fit."""
 
 
 class SweepTorque(msgspec.Struct):
     """The sweep under way."""
 
-    enter_ns: int = 0  # when the stage comes over the path, as told when the sweep began; 0: not told
+    enter_ns: int = 0  # when the stage comes over the path, as reported when the sweep began; 0: not reported
     leave_ns: int = 0  # when it leaves it
     start_ns: int = 0  # time of the first sample
     rate_hz: float = 0.0
@@ -82,7 +82,7 @@ class TestSweep(msgspec.Struct, frozen=True):
 class ReadingMemory(msgspec.Struct):
     """What a successor inherits: training, this trial's sweeps and beliefs, the sweep under way.
 
-    Training's mountings are told apart by the phantom's code: one that is put on again right after itself
+    Training's mountings are numbered by the phantom's code: one that is put on again right after itself
     counts as the same mounting.
     """
 
@@ -101,7 +101,7 @@ class ReadingMemory(msgspec.Struct):
         self.trial, self.posteriors, self.gains, self.sweep = [], [], [], None
 
     def is_repositioned(self, ring_m: float) -> bool:
-        """Tell whether the ring comes from elsewhere, by the trial's sweeps alone."""
+        """Return whether the ring comes from elsewhere, by the trial's sweeps alone."""
         return not self.trial or abs(self.trial[-1].ring_m - ring_m) > _ALIKE_M
 
 
@@ -158,7 +158,7 @@ class FeatureReading:
         return None
 
     def is_complete(self, memory: ReadingMemory, stream: SweepCut | None) -> bool:
-        """Tell whether the sweep under way is over and all its torque is here.
+        """Return whether the sweep under way is over and all its torque is here.
 
         A ``stream`` is where torque is cut from, if the stage counts no samples.
         """
@@ -199,7 +199,7 @@ class FeatureReading:
     ) -> Outcome | None:
         """Keep the sweep under way as one of the trial, and return the belief after it.
 
-        None where the ring stands where nothing was learnt: then it is no reading of the trial.
+        None where the ring is where nothing was learnt: then it is no reading of the trial.
         """
         setting = self.setting(memory, ring_m)
         if setting is None:
@@ -303,7 +303,9 @@ class TraceReading(FeatureReading):
         first, path = sweep.count, self._params
         super().add(memory, start_ns, rate_hz, torque_n_m)
         if sweep.leave_ns <= sweep.enter_ns:
-            raise PerceptionError("a sweep over the path takes no time; the stage must tell when it is there")
+            raise PerceptionError(
+                "a sweep over the path takes no time; the stage must report when it is there"
+            )
         times_ns = sample_times_ns(sweep.start_ns, sweep.rate_hz, first, len(torque_n_m))
         done = (times_ns - sweep.enter_ns) / (sweep.leave_ns - sweep.enter_ns)
         sweep.bins.add(path.bins, path.from_m + (path.to_m - path.from_m) * done, torque_n_m)
@@ -416,7 +418,7 @@ class TraceReading(FeatureReading):
 
 
 def _goes_on(sweeps: Sequence[TestSweep], before: Sequence[TestSweep]) -> bool:
-    """Tell whether sweeps are those before, of which the last may have got further, and others."""
+    """Return whether sweeps are those before, of which the last may have got further, and others."""
     if not before or len(sweeps) < len(before):
         return False
     last, same = before[-1], sweeps[len(before) - 1]

@@ -52,13 +52,11 @@ class RecordedSession:
 
     folder: Path
     rows: tuple[Row, ...]
-    depths_m: tuple[float, ...]  # classes, in the order of posterior and gain
+    # classes, in the order of posterior and gain; a belief over a grid counts for those nearest to its depths
+    depths_m: tuple[float, ...]
     primitives: Primitives | None  # the memory primitives; None where training did not reach every cell
     trials: tuple[RecordedTrial, ...]  # trials of estimation that came to a verdict
     unfinished_count: int  # trials of estimation without one: the record ends within them
-    # number of depths the beliefs were about where that was a grid, else 0. What was believed of a depth of
-    # the grid is counted to the class nearest to it
-    grid_count: int = 0
     # trials that ended without one, as the ring stood at an untrained position
     dropped: tuple[RecordedTrial, ...] = ()
     # why trials do not count that were excluded, or are to be done again, by phase and number
@@ -113,7 +111,7 @@ def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> Recorded
             )
     primitives = _primitives(folder, rows)
     taught_m = tuple(sorted(primitives.depths_m.tolist() if primitives is not None else _trained(rows)))
-    grid = len(believed_m) if 1 < len(taught_m) < len(believed_m) else 0
+    grid = 1 < len(taught_m) < len(believed_m)
     depths_m = taught_m if grid else believed_m
     counted = [_counted(row, believed_m, depths_m) for row in rows] if grid else rows
     decided = left_out(folder)
@@ -125,9 +123,7 @@ def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> Recorded
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
     dropped = tuple(trial for trial in every if trial.verdict == "dropped")
     unfinished = len(every) - len(ended) - len(dropped)
-    return RecordedSession(
-        folder, tuple(counted), depths_m, primitives, ended, unfinished, grid, dropped, decided
-    )
+    return RecordedSession(folder, tuple(counted), depths_m, primitives, ended, unfinished, dropped, decided)
 
 
 def _trained(rows: Sequence[Row]) -> set[float]:

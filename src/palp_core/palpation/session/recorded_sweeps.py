@@ -36,7 +36,9 @@ class RecordedSweep:
     rate_hz: float
     landed: bool = False  # whether the ring was moved or re-homed since the sweep before
     start_ns: int | None = None  # time of the first sample; None where it is not known, as for the two below
-    enter_ns: int | None = None  # when the stage would come over the path, as it said when the sweep began
+    enter_ns: int | None = (
+        None  # when the stage would come over the path, as it reported when the sweep began
+    )
     leave_ns: int | None = None  # when it would leave it
 
 

@@ -42,7 +42,7 @@ class SessionReport:
         return texts_to_keep(asked_sheet(summary))
 
     def advise(self, summary: RunSummary) -> list[str]:
-        """Return in words what of the parameters no method vouches for."""
+        """Return which parameters no method has a bound for, and what to do."""
         from palp_core.palpation.session.methods.advice import advice
 
         return advice(summary)
@@ -68,7 +68,7 @@ def write(folder: Path, summary: RunSummary, *, charts: bool = True, files: bool
     """Write the result and the page of the session in a folder.
 
     ``charts``: the page has all charts, which take two seconds to draw. ``files``: each is kept as PNG, SVG
-    and CSV, too. Return the result in words, what is kept, and where.
+    and CSV, too. Return the result as a sentence, what is kept, and where.
     """
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows
@@ -85,12 +85,12 @@ def write(folder: Path, summary: RunSummary, *, charts: bool = True, files: bool
         )
     try:
         write_copy(summary, folder)
-        said = _write(found, summary, charts=charts, files=files)
+        summary_line = _write(found, summary, charts=charts, files=files)
     except OSError as error:
         raise _cannot_report(folder, error) from error
     page = f". Report: {folder / 'report.html'}" if (folder / "report.html").exists() else ""
     return (
-        f"{said}\nKept: {counted(len(found.rows), 'palpation')} (trials.csv, sweeps/) and "
+        f"{summary_line}\nKept: {counted(len(found.rows), 'palpation')} (trials.csv, sweeps/) and "
         f"result.json in {folder}{page}"
     )
 
@@ -162,5 +162,5 @@ def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str)
             return f"{unfinished.capitalize()}; no page: {error}"
         raise
     write_repeatability(measured, found.folder, unfinished)
-    said = repeatability_headline(measured)
-    return f"{unfinished.capitalize()}. {said}" if unfinished else said
+    headline = repeatability_headline(measured)
+    return f"{unfinished.capitalize()}. {headline}" if unfinished else headline

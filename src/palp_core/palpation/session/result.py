@@ -106,19 +106,6 @@ class Verdicts(msgspec.Struct, kw_only=True):
     undecided: int
 
 
-class CalibrationBin(msgspec.Struct, kw_only=True):
-    low: float
-    high: float
-    mean_confidence: float
-    accuracy: Share
-
-
-class CalibrationResult(msgspec.Struct, kw_only=True):
-    expected_error: float
-    overconfidence: float
-    bins: list[CalibrationBin]
-
-
 class Confusion(msgspec.Struct, kw_only=True):
     """Counts of trials, a row per actual depth, a column per estimate."""
 
@@ -132,7 +119,7 @@ class StopRuleUsed(msgspec.Struct, kw_only=True):
 
 
 class PhantomModel(msgspec.Struct, kw_only=True):
-    """The contact model of a phantom; ``guards``: what sweeps met, None where nobody recorded it."""
+    """The contact model of a phantom; ``guards``: what sweeps met, None if it was not recorded."""
 
     rung: str
     bound: float | None
@@ -188,9 +175,8 @@ class SessionResult(msgspec.Struct, kw_only=True):
     probes_mean: float | None
     probes_mean_per_depth_mm: dict[str, float | None]
     verdicts: Verdicts
-    calibration: CalibrationResult | None
+    calibration: statistics.ConfidenceCalibration | None
     confusion: Confusion
-    grid_depths: int
     rmse_mm: float | None
     stop_rule: StopRuleUsed | None
     mechanics: MechanicsResult | None
@@ -305,7 +291,6 @@ def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
         verdicts=Verdicts(decided=verdicts["decided"], undecided=verdicts["undecided"]),
         calibration=_calibration(trials),
         confusion=_confusion(session),
-        grid_depths=session.grid_count,
         rmse_mm=1e3 * float(np.sqrt(np.mean(np.square(away_m)))) if away_m else None,
         stop_rule=_stop_rule(roles.params("estimator")),
         mechanics=_mechanics(summary, roles, session) if roles.touch_simulated else None,
@@ -351,10 +336,10 @@ def how_far(session: RecordedSession, summary: RunSummary, roles: Roles) -> HowF
 
 
 def _phantom_count(summary: RunSummary, roles: Roles) -> int:
-    """Return how many phantoms have a bead to be found; 0 where nobody can tell any more."""
-    said = {one.use.of: json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact"}
-    if said:
-        return sum(scene["phantom"]["bead"] is not None for scene in said.values())
+    """Return how many phantoms have a bead to be found; 0 if that is unknown."""
+    reported = {one.use.of: json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact"}
+    if reported:
+        return sum(scene["phantom"]["bead"] is not None for scene in reported.values())
     try:
         phantoms = load_phantoms(roles.params("experiment").get("phantoms", "")).values()
     except MechanicsError:
@@ -391,25 +376,11 @@ def _rig_s(session: RecordedSession) -> RigTime:
     return RigTime(mean=float(np.mean(took)) if took else None, trials=len(took))
 
 
-def _calibration(trials: Sequence[RecordedTrial]) -> CalibrationResult | None:
+def _calibration(trials: Sequence[RecordedTrial]) -> statistics.ConfidenceCalibration | None:
     if not trials:
         return None
-    found = statistics.calibration(
-        np.array([trial.confidence for trial in trials]), [trial.right for trial in trials]
-    )
-    return CalibrationResult(
-        expected_error=found.expected_error,
-        overconfidence=found.overconfidence,
-        bins=[
-            CalibrationBin(
-                low=one.low,
-                high=one.high,
-                mean_confidence=one.mean_confidence,
-                accuracy=_share(one.accuracy.success_count, one.accuracy.trial_count),
-            )
-            for one in found.bins
-        ],
-    )
+    stated = np.array([trial.confidence for trial in trials])
+    return statistics.calibration(stated, [trial.right for trial in trials])
 
 
 def _confusion(session: RecordedSession) -> Confusion:
@@ -446,7 +417,7 @@ def _touched(summary: RunSummary, roles: Roles) -> dict[str, MethodUse]:
 def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> MechanicsResult:
     """Return every phantom's rung, its stated bound, its guards, and the scene.
 
-    Guards are what the run's sweeps met, as the phantom told; None where the experiment did not hear it.
+    Guards are what the run's sweeps met, as the phantom reported; None if the experiment did not receive it.
     """
     phantom, uses = roles.params("phantom"), _touched(summary, roles)
     file = phantom.get("scene") or phantom.get("phantoms", "")
@@ -462,7 +433,7 @@ def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> M
                 rung=use.name,
                 bound=use.bound if use.bounded else None,
                 reason=reason(use),
-                guards=_guards(session, code) if roles.guards_heard else None,
+                guards=_guards(session, code) if roles.guards_recorded else None,
             )
             for code, use in uses.items()
         },
@@ -474,18 +445,18 @@ def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> M
 
 
 def _world(summary: RunSummary) -> WorldResult | UnsetType:
-    """Return the world in which the run was simulated, as the phantom told; nothing in the paper's own."""
+    """Return the world of a simulated run, as the phantom reported; nothing in the paper's own."""
     scenes = (json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact")
-    told = next((scene["world"] for scene in scenes if "world" in scene), None)
-    if told is None:
+    world = next((scene["world"] for scene in scenes if "world" in scene), None)
+    if world is None:
         return UNSET
     rests, unit = world_basis(), world_units()
     parameters = {
         name: WorldParameter(value=value, unit=unit.get(name, ""), basis=rests.get(name, ""))
-        for name, value in told.items()
+        for name, value in world.items()
         if name != "name"
     }
-    return WorldResult(name=told["name"], parameters=parameters)
+    return WorldResult(name=world["name"], parameters=parameters)
 
 
 def _guards(session: RecordedSession, code: str) -> list[str]:

@@ -1,8 +1,8 @@
 """Which node of a run was which, whatever the launch file calls it: the experiment, the estimator, the stage.
 
 A node's role shows in what it publishes. Of several of a role, as with a second estimator that only listens,
-the one that the experiment hears from is meant, directly or through others: the wires of the launch file say
-so.
+the one meant is that from which the experiment receives, directly or through others, by the wires of the
+launch file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PUBLISHED = {
     "experiment": "TrialResult",
-    "policy": "RingCommand",  # so does the experiment, which is told by the line above
+    "policy": "RingCommand",  # so does the experiment, which fits the line above
     "actuator": "RingState",
     "stage": "SweepStatus",
     "phantom": "PhantomTruth",
@@ -40,7 +40,7 @@ class Roles:
     node: Mapping[str, str]  # name of the node by role; a role that a session can do without may be missing
     of: Mapping[str, str]  # role by node; nodes without one are left out
     touch_simulated: bool  # whether the phantom's touch was computed
-    guards_heard: bool  # whether the experiment was told what the computed touch met
+    guards_recorded: bool  # whether the experiment received what the computed touch met
     _params: Mapping[str, Mapping[str, Any]]
 
     def params(self, role: str) -> dict[str, Any]:
@@ -66,8 +66,8 @@ def roles_of(summary: RunSummary) -> Roles:
         nearest = [one for one in found if away.get(one) == away.get(found[0])]
         if role in _NEEDED or nearest:
             node[role] = _only(summary, role, nearest)
-    told = summary.publishes.get(node.get("phantom", ""), {})
-    guards = {topic for topic, type_name in told.items() if type_name == GUARD}
+    published = summary.publishes.get(node.get("phantom", ""), {})
+    guards = {topic for topic, type_name in published.items() if type_name == GUARD}
     return Roles(node, of, bool(guards), not guards.isdisjoint(summary.listens[experiment]), summary.params)
 
 
@@ -80,7 +80,7 @@ def _only(summary: RunSummary, role: str, found: list[str]) -> str:
         return found[0]
     if found:
         raise PalpError(
-            f"{summary.file}: {' and '.join(found)} publish {PUBLISHED[role]}, so the report cannot tell "
+            f"{summary.file}: {' and '.join(found)} publish {PUBLISHED[role]}, so the report cannot choose "
             f"which is the session's {role}; let the experiment listen to one of them alone"
         )
     why = f"{summary.file}: no node publishes {PUBLISHED[role]}, so the report knows no {role}"
@@ -88,14 +88,14 @@ def _only(summary: RunSummary, role: str, found: list[str]) -> str:
 
 
 def _away(start: str, summary: RunSummary) -> dict[str, int]:
-    """Return over how many wires ``start`` hears of each node; nodes it never hears of are left out."""
+    """Return over how many wires ``start`` receives from each node; others are left out."""
     owner = {topic: node for node, topics in summary.publishes.items() for topic in topics}
     away, edge = {start: 0}, [start]
     while edge:
         node = edge.pop(0)
         for topic in summary.listens.get(node, []):
-            heard = owner.get(topic, start)
-            if heard not in away:
-                away[heard] = away[node] + 1
-                edge.append(heard)
+            source = owner.get(topic, start)
+            if source not in away:
+                away[source] = away[node] + 1
+                edge.append(source)
     return away

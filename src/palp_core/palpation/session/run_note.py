@@ -74,7 +74,7 @@ def ways_on(folder: Path, others: str, done: Callable[[Path], str]) -> str:
 
 
 def unfinished_words(folder: Path, done: str) -> str:
-    """Return in words that a session is unfinished, how far it has come, and the command that goes on."""
+    """Return that a session is unfinished, how far it has come, and the command that goes on."""
     before = read_note(folder)
     given = [word for word in before.given if not word.startswith("out:=")]
     command = shlex.join(["palp", "launch", before.file, *given, f"out:={before.args.get('out', folder)}"])
@@ -98,7 +98,7 @@ def refuse_resuming(folder: Path, table: str = TABLE) -> None:
     if not (folder / table).exists():
         raise PalpError(f"'{folder}' has a checkpoint but no {table}: restore it, or begin in another folder")
     if (folder / OPENED).exists():
-        raise PalpError(f"'{folder}' was unsealed, so nobody is blind any more; begin in another folder")
+        raise PalpError(f"'{folder}' was unsealed, so it is not blind any more; begin in another folder")
 
 
 def note_begin(summary: RunSummary) -> None:

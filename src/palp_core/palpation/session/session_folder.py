@@ -56,7 +56,7 @@ def refuse_occupied(
 ) -> None:
     """Refuse a folder that holds a session; one that ended before its first palpation is none."""
     try:
-        found = [name for name in (*OWN_FILES, REPLACED) if _tells(folder / name)]
+        found = [name for name in (*OWN_FILES, REPLACED) if _has_content(folder / name)]
     except OSError as error:
         raise cannot_write(folder, error, named_by) from error
     if found:
@@ -67,12 +67,12 @@ def refuse_occupied(
 
 
 def cannot_write(folder: Path, error: OSError, named_by: str = "out:=") -> PalpError:
-    """Return what to say when a session cannot begin in a folder that was given with ``named_by``."""
+    """Return the error of a session that cannot begin in a folder that was given with ``named_by``."""
     return PalpError(f"cannot write the record to '{folder}': {error}; choose another {named_by}")
 
 
-def _tells(path: Path) -> bool:
-    """Tell whether a file or folder of a session says anything: more than that a session began."""
+def _has_content(path: Path) -> bool:
+    """Return whether a file or folder of a session holds more than that a session began."""
     if not os.path.lexists(path) or path.name == RUN:
         return False
     if path.name == CHECKPOINT:  # may be of a session that has no palpation yet
@@ -134,7 +134,7 @@ def refuse_input(folder: Path, path: Path, what: str) -> None:
 
 def take_over(folder: Path) -> None:
     """Put an earlier session aside, and let the note of the present run take its name. Other files stay."""
-    found = [name for name in OWN_FILES if _tells(folder / name)]
+    found = [name for name in OWN_FILES if _has_content(folder / name)]
     if found and not any((folder / name).exists() for name in (TABLE, RUN)):
         raise PalpError(
             f"'{folder}' holds {', '.join(found)}, but neither {TABLE} nor {RUN}: that is no session, and"
@@ -161,7 +161,7 @@ def forget_replaced(folder: Path) -> None:
 def restore_replaced(folder: Path) -> None:
     """Let the session that was put aside have its folder again, if the other one has no palpation."""
     aside = folder / REPLACED
-    if aside.is_dir() and not _tells(folder / TABLE):
+    if aside.is_dir() and not _has_content(folder / TABLE):
         for name in OWN_FILES:
             _remove(folder / name)
         for path in aside.iterdir():
@@ -177,7 +177,7 @@ def _remove(path: Path) -> None:
 
 
 def link_latest(folder: Path) -> None:
-    """Let ``latest`` beside a folder that is named by its time lead there, unless that is no link of ours."""
+    """Let ``latest`` next to a folder named by its time lead there, unless that is no link of ours."""
     link = folder.parent / LATEST
     if not _NAMED_BY_TIME.fullmatch(folder.name) or (link.exists() and not link.is_symlink()):
         return

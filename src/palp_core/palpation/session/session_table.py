@@ -8,9 +8,10 @@ import csv
 import io
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from types import NoneType
+from typing import Any, Generic, Protocol, TypeVar, get_args, get_type_hints
 
 import msgspec
 
@@ -30,6 +31,54 @@ class NumberedRow(Protocol):
 
 
 R = TypeVar("R", bound=NumberedRow)
+_BETWEEN = " | "  # entries of a list of words
+
+
+class TableForm(Generic[R]):
+    """How rows of a struct are written: a field a column, but a list of numbers a column per class."""
+
+    def __init__(self, kind: type[R]) -> None:
+        self._kind, self._types = kind, get_type_hints(kind)
+        self._by_class = tuple(name for name, one in self._types.items() if one == list[float])
+
+    def columns(self, labels: Sequence[str] = ()) -> list[str]:
+        columns: list[str] = []
+        for name in self._types:
+            columns += [f"{name}_{label}" for label in labels] if name in self._by_class else [name]
+        return columns
+
+    def cells(self, row: R, class_count: int = 0) -> list[Any]:
+        cells: list[Any] = []
+        for name in self._types:
+            value = getattr(row, name)
+            if name in self._by_class:
+                cells += [*value, *([""] * (class_count - len(value)))]
+            else:
+                cells.append(_cell(value))
+        return cells
+
+    def row(self, named: dict[str, str]) -> R:
+        plain: dict[str, Any] = {
+            name: _value(self._types[name], text) for name, text in named.items() if name in self._types
+        }
+        for name in self._by_class:
+            plain[name] = [float(text) for key, text in named.items() if key.startswith(f"{name}_") and text]
+        return msgspec.convert(plain, self._kind, strict=False)
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, list):
+        return _BETWEEN.join(value)
+    return int(value) if isinstance(value, bool) else "" if value is None else value
+
+
+def _value(kind: Any, text: str) -> Any:
+    """Return what a cell says; numbers are left to be converted."""
+    if kind == list[str]:
+        return text.split(_BETWEEN) if text else []
+    if not text and NoneType in get_args(kind):
+        return None
+    return text == "1" if bool in (kind, *get_args(kind)) else text
 
 
 class SessionTable:
@@ -68,9 +117,9 @@ class SessionTable:
         """Refuse to resume a table that lacks one of its first rows."""
         if [row.row for row in rows[:row_count]] != list(range(row_count)):
             raise PalpError(
-                f"{self._table} cannot be gone on with: "
+                f"{self._table} cannot resume: "
                 f"it has {counted(len(rows), self._of)}, and the session had come to {row_count}; "
-                "restore the table, or begin anew in another folder"
+                "restore the table, or begin again in another folder"
             )
 
     def _set_aside(self, row_count: int, found: int) -> Path:
@@ -87,7 +136,7 @@ class SessionTable:
             write_whole(self._table, b"".join(lines[: row_count + 1]))
 
     def _failure(self, error: OSError, what: str, kept: str) -> PalpError:
-        """Return what to say when the session cannot go on: why, and what of it is safe."""
+        """Return the error of a session that cannot go on: why, and what of it is safe."""
         where = self.folder.absolute()
         if not where.is_dir():
             return PalpError(
@@ -104,7 +153,7 @@ class SessionTable:
         )
 
 
-def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) -> list[R]:
+def read_table(path: Path, missing: str, form: TableForm[R]) -> list[R]:
     """Return every row of a session's table. A last row that was cut short is left out, with a warning."""
     try:
         text = read_whole(path).decode()
@@ -121,7 +170,7 @@ def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) 
         columns = next(lines, [])
         for cells in lines:
             where = f"{path}:{lines.line_num}"
-            row = _row(where, columns, cells, row_of)
+            row = _row(where, columns, cells, form)
             if rows and row.row <= rows[-1].row:
                 raise PalpError(
                     f"{where}: row {row.row} follows row {rows[-1].row}: a part of the table "
@@ -133,11 +182,9 @@ def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) 
     return rows
 
 
-def _row(
-    where: str, columns: Sequence[str], cells: Sequence[str], row_of: Callable[[dict[str, str]], R]
-) -> R:
+def _row(where: str, columns: Sequence[str], cells: Sequence[str], form: TableForm[R]) -> R:
     try:
-        return row_of(dict(zip(columns, cells, strict=True)))
+        return form.row(dict(zip(columns, cells, strict=True)))
     except (ValueError, msgspec.ValidationError) as error:
         counts = f" ({len(cells)} cells under {len(columns)} columns)" if len(cells) != len(columns) else ""
         raise PalpError(

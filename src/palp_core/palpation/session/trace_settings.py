@@ -35,11 +35,11 @@ class TraceSettings(Params):
     """Parameters of the estimator that are about whole traces; spreads and slopes are assumed.
 
     A sweep goes from ``from_m`` to ``to_m`` and is read in bins of ``bin_mm``. ``depths`` is the number of
-    depths of a grid over the trained ones; 0 for those. ``scene`` is the scene file whose mechanics tell how
+    depths of a grid over the trained ones; 0 for those. ``scene`` is the scene file whose mechanics give how
     sweeps answer to the offsets; empty: the default scene. ``noise`` is a file with the spreads of landing
     and height; empty: ``ring_sd_mm`` and ``trace_height_sd_mm``. Other spreads are over mountings: of
     friction and modulus as a share, of the bead's place along and across the path, of the ball's radius, of
-    the sensor's zero in a sweep; of the torque that the surface adds, where training does not tell it.
+    the sensor's zero in a sweep; of the torque that the surface adds, where training does not show it.
     ``slope_error`` is what the mechanics' slopes are wrong by, relative. ``run_in``: whether a sweep begins
     upright, with a tip that sticks until it lags.
     """

@@ -7,7 +7,7 @@
     OUT/primitives.json   the memory primitives, once training is over
 
 A row is there whole or not at all, with its sweep; other files appear under their name only when they are
-complete. What cannot be written ends the session and is said with what is kept.
+complete. What cannot be written ends the session; the error names what is kept.
 """
 
 import contextlib
@@ -16,14 +16,12 @@ import shutil
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from types import NoneType
-from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
+from typing import Any, BinaryIO
 
 import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError, in_words
-from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.session_folder import (
     SWEEPS,
     TABLE,
@@ -31,7 +29,7 @@ from palp_core.palpation.session.session_folder import (
     refuse_occupied,
     take_over,
 )
-from palp_core.palpation.session.session_table import SessionTable, read_table
+from palp_core.palpation.session.session_table import SessionTable, TableForm, read_table
 from palp_core.units import Float64Array
 from palp_core.whole_file import LARGEST_BYTES, check_regular, whole_file, write_whole
 
@@ -42,12 +40,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ``trial`` is the number of the trial in its phase, from 1.
 
     ``true_ring_m`` and ``true_height_m``, the mounting's offset, are what only a simulation can know; None
-    where nobody told. ``landed``: whether the ring was moved or re-homed since the palpation before.
-    ``guards``: what the simulated sweep met in which its contact model may be wrong, in words. ``enter_ns``
-    and ``leave_ns``: when the stage would come over the path and leave it, as it said when the sweep began.
+    elsewhere. ``landed``: whether the ring was moved or re-homed since the palpation before.
+    ``guards``: what the simulated sweep met in which its contact model may be wrong. ``enter_ns``
+    and ``leave_ns``: when the stage would come over the path and leave it, as reported at the sweep's begin.
 
-    A field is a column, but a list of numbers is a column per class. A new one needs a line here and a line
-    in :func:`row_of`; records without it are read with its default.
+    A field is a column, but a list of numbers is a column per class. A new one needs a line here and one in
+    :meth:`.RowFacts.row_of`; records without it are read with its default.
     """
 
     row: int
@@ -78,74 +76,13 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     leave_ns: int | None = None
 
 
-class RowFacts(Protocol):
-    """What is known when a palpation is written down; the names are those of the experiment's state.
-
-    ``policy`` is the one that took over last, empty before; ``ring_landed``: the ring was re-homed.
-    """
-
-    row: int
-    phase: str
-    code: str
-    remount: int
-    number: int
-    depth_m: float
-    true_ring_m: float | None
-    true_height_m: float | None
-    guards: list[str]
-    ring_landed: bool
-    last_ring_m: float
-    policy: str
-    enter_ns: int | None
-    leave_ns: int | None
-
-
-def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
-    """Return the row of a palpation.
-
-    ``belief`` is None in training; the session began with ``policy``, given by name or by its class.
-    """
-    policy = policy_name(policy)
-    return Row(
-        row=facts.row,
-        session=f"{policy}-{seed}",
-        phase=facts.phase,
-        phantom=facts.code,
-        remount=facts.remount,
-        trial=facts.number,
-        depth_m=facts.depth_m,
-        iteration=palpation.iteration,
-        ring_m=palpation.ring_m,
-        true_ring_m=facts.true_ring_m,
-        true_height_m=facts.true_height_m,
-        peak_n_m=palpation.peak_n_m,
-        posterior=belief.posterior.tolist() if belief else [],
-        gain=belief.gain.tolist() if belief else [],
-        gamma=belief.gamma if belief and belief.gamma_defined else None,
-        verdict=belief.verdict if belief else "",
-        estimate_m=belief.estimate_m if belief else None,
-        outlier=belief.outlier if belief else False,
-        policy=facts.policy or policy,
-        seed=seed,
-        start_ns=palpation.start_ns,
-        end_ns=palpation.end_ns,
-        landed=facts.ring_landed or palpation.ring_m != facts.last_ring_m,
-        guards=list(facts.guards),
-        enter_ns=facts.enter_ns,
-        leave_ns=facts.leave_ns,
-    )
-
-
-_TYPES: dict[str, Any] = get_type_hints(Row)
-_BY_CLASS = tuple(name for name, kind in _TYPES.items() if kind == list[float])
-_BETWEEN = " | "  # entries of a list of words
+_FORM = TableForm(Row)
 
 
 class SessionWriter(SessionTable):
     def __init__(self, out: str, depths_m: Sequence[float], named_by: str = "out:=") -> None:
         super().__init__(out, TABLE, "palpation", named_by)
-        self._columns = _columns([f"{depth_m * 1e3:g}mm" for depth_m in depths_m])
-        self._class_count = len(depths_m)
+        self._labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
 
     def start(self, *, overwrite: bool = False) -> None:
         """Make the folder and begin a new table; other files in the folder stay."""
@@ -154,7 +91,7 @@ class SessionWriter(SessionTable):
                 refuse_occupied(self.folder)
             take_over(self.folder)
             (self.folder / SWEEPS).mkdir()
-            self._begin(self._columns)
+            self._begin(_FORM.columns(self._labels))
 
     def go_on(self, row_count: int) -> None:
         """Go on with a table that an interrupted session has left, as it was after so many palpations.
@@ -181,7 +118,7 @@ class SessionWriter(SessionTable):
         try:
             with whole_file(target) as file:
                 _save_quickly(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
-            self._append(_cells(row, self._class_count))
+            self._append(_FORM.cells(row, len(self._labels)))
             if row.row == 0:
                 forget_replaced(self.folder)
         except OSError as error:
@@ -195,24 +132,6 @@ class SessionWriter(SessionTable):
             write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
         except OSError as error:
             raise self._failure(error, "what training taught", "its palpations") from error
-
-
-def _columns(labels: Sequence[str]) -> list[str]:
-    columns: list[str] = []
-    for name in _TYPES:
-        columns += [f"{name}_{label}" for label in labels] if name in _BY_CLASS else [name]
-    return columns
-
-
-def _cells(row: Row, class_count: int) -> list[Any]:
-    cells: list[Any] = []
-    for name in _TYPES:
-        value = getattr(row, name)
-        if name in _BY_CLASS:
-            cells += [*value, *([""] * (class_count - len(value)))]
-        else:
-            cells.append(_cell(value))
-    return cells
 
 
 def primitives_json(learnt: Any) -> dict[str, Any]:
@@ -230,7 +149,7 @@ def primitives_json(learnt: Any) -> dict[str, Any]:
 
 def read_rows(out: str | Path) -> list[Row]:
     """Return every row of a record. A last row that was cut short, by a power cut say, is left out."""
-    return read_table(Path(out) / TABLE, f"no record in '{out}'", _row)
+    return read_table(Path(out) / TABLE, f"no record in '{out}'", _FORM)
 
 
 def _save_quickly(file: BinaryIO, **arrays: Any) -> None:
@@ -239,30 +158,6 @@ def _save_quickly(file: BinaryIO, **arrays: Any) -> None:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 np.lib.format.write_array(entry, array, allow_pickle=False)
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, list):
-        return _BETWEEN.join(value)
-    return int(value) if isinstance(value, bool) else "" if value is None else value
-
-
-def _row(named: dict[str, str]) -> Row:
-    plain: dict[str, Any] = {
-        name: _value(_TYPES[name], text) for name, text in named.items() if name in _TYPES
-    }
-    for name in _BY_CLASS:
-        plain[name] = [float(text) for key, text in named.items() if key.startswith(f"{name}_") and text]
-    return msgspec.convert(plain, Row, strict=False)
-
-
-def _value(kind: Any, text: str) -> Any:
-    """Return what a cell says; numbers are left to be converted."""
-    if kind == list[str]:
-        return text.split(_BETWEEN) if text else []
-    if not text and NoneType in get_args(kind):
-        return None
-    return text == "1" if bool in (kind, *get_args(kind)) else text
 
 
 def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:

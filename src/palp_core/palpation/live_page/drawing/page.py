@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import run, ui
 
-from palp_core.palpation.live_page.desk import ANSWER, DeskMonitor, HumanTrialRow, Question, buttons_of
+from palp_core.palpation.live_page.desk import ANSWER, DeskMonitor, Question, buttons_of
 from palp_core.palpation.live_page.drawing.panels import (
     BeliefPanel,
     MusclePanel,
@@ -79,7 +79,7 @@ def fill_human(viewer: Viewer) -> None:
             text_element("h2", "Trials so far, the latest first")
             where = text_element("div", "", "quiet").props('data-what="progress"')
             trials = ui.element("div").classes("rig-scroll").props('data-what="trials" tabindex="0"')
-    shown: list[list[HumanTrialRow]] = []
+    shown: list[list[dict[str, Any]]] = []
 
     def look() -> None:
         desk.look()
@@ -112,11 +112,13 @@ def _monitors(viewer: Viewer) -> tuple[RigMonitor, DeskMonitor]:
     return rig, desk
 
 
-def _cells(row: HumanTrialRow) -> tuple[str, ...]:
-    attempt = f", attempt {row.attempt}" if row.attempt > 1 else ""
-    spoilt = "spoilt" if row.ended_by == "repeat" else row.ended_by
-    answer = "" if row.answer_mm is None else f"{row.answer_mm:g} mm"
-    return f"{row.phase} {row.number}{attempt}", row.phantom, f"{row.palpation_s:.1f} s", spoilt, answer
+def _cells(done: dict[str, Any]) -> tuple[str, ...]:
+    """Return what is shown of a trial of a person that is over: not its depth."""
+    attempt = f", attempt {done['attempt']}" if done["attempt"] > 1 else ""
+    spoilt = "spoilt" if done["ended_by"] == "repeat" else done["ended_by"]
+    answer = f"{round(1e3 * done['estimate_m'], 3):g} mm" if done["answered"] else ""
+    trial = f"{done['phase']} {done['number']}{attempt}"
+    return trial, done["phantom"], f"{done['palpation_s']:.1f} s", spoilt, answer
 
 
 class DeskPanel:

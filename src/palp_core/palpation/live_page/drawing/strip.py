@@ -1,4 +1,4 @@
-"""How safety stands, stop, and the acknowledgement that asks twice: in sight on every page."""
+"""The state of safety, stop, and the acknowledgement that asks twice: in sight on every page."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from palp_core.view.source.protocol import Watch, open_watches
 
 REFRESH_S, ENDED_S = 0.1, 1.0
 SHOWN_NS = 30_000_000_000
-"""For so long what comes after an acknowledgement stands there; until the next stop, or until it has come."""
+"""For so long what comes after an acknowledgement is shown; until the next stop, or until it has come."""
 READ_NS = 8_000_000_000
-"""So long it stands there in any case: one has to read it."""
+"""So long it is shown in any case: one has to read it."""
 QUESTION = "The cause is gone, and nobody's hand is at the rig? It may move then."
 REASON = "palp view"
 NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone; the page Graph ends it"

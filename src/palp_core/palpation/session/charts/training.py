@@ -64,7 +64,7 @@ def primitives_chart(session: RecordedSession) -> charts.Chart | None:
         "Memory primitives",
         "The normal fitted to the peak torques of training, per depth d and ring position r_a "
         f"({_span(learnt.count)} palpations each; as Figure 9 of the paper). Each panel has its own scales: "
-        "the more the curves overlap, the less a palpation at that position tells.",
+        "the more the curves overlap, the less a palpation at that position shows.",
         2.4 * lines + 0.4,
         ("depth_mm", "ring_mm", "mean_n_mm", "sd_n_mm", "palpations"),
         rows,

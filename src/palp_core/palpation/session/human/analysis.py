@@ -1,4 +1,4 @@
-"""What sessions with people come to, as in the paper: accuracy, confusion, ANOVA, time to answer; and power.
+"""What sessions with people come to, as in the paper: accuracy, confusion, ANOVA, time to answer.
 
 Of people only. A simulated person answers by chance or by script, a recording answers nothing: their trials
 are counted and described, and no share of right answers is ever computed of them.
@@ -16,7 +16,6 @@ from palp_core.errors import PalpError
 from palp_core.palpation.perception.statistics.anova import NotTestable, permutation, two_way
 from palp_core.palpation.perception.statistics.statistics import confusion, wilson
 from palp_core.palpation.session.audit import left_out
-from palp_core.palpation.session.human.power import power_of
 from palp_core.palpation.session.human.record import HumanRow, is_of_a_person, read_human
 from palp_core.palpation.session.recorded_session import mm
 
@@ -36,7 +35,7 @@ class HumanTrials:
     rows: tuple[HumanRow, ...]
     left_out: dict[str, int]  # how many do not count, by why
     people: bool  # whether all are of people
-    why: str  # why they are not, in words
+    why: str  # why they are not
 
 
 def gather(folders: Sequence[Path]) -> HumanTrials:
@@ -61,7 +60,7 @@ def gather(folders: Sequence[Path]) -> HumanTrials:
 def _whose(row: HumanRow) -> str:
     if row.source != "person":
         return _WHOSE.get(row.source, f"the muscles are of '{row.source}'")
-    return "a script answered" if row.answered_by == "script" else "nobody knows who answered"
+    return "a script answered" if row.answered_by == "script" else "it is unknown who answered"
 
 
 def analyse(trials: HumanTrials) -> dict[str, Any]:
@@ -85,7 +84,11 @@ def analyse(trials: HumanTrials) -> dict[str, Any]:
         return found | _of_people(asked)
     why = trials.why or "there is no trial"
     if trials.people:
-        why = "the session is sealed" if any(row.answer_s is not None for row in rows) else "nobody was asked"
+        why = (
+            "the session is sealed"
+            if any(row.answer_s is not None for row in rows)
+            else "no question was asked"
+        )
     return found | {"note": NO_ACCURACY.format(why=why)}
 
 
@@ -105,8 +108,6 @@ def _of_people(rows: Sequence[HumanRow]) -> dict[str, Any]:
     )
     exchanged = permutation(right, depth, [row.subject for row in rows], np.random.default_rng(_SEED))
     anova = two_way(right, depth, number, names=("depth", "trial"))
-    subjects = len({row.subject for row in rows})
-    repeats = max(1, round(len(rows) / (subjects * len(given))))
     return {
         "accuracy": _share(right),
         "by_depth": {one: _share([right[i] for i in places]) for one, places in by_depth.items()},
@@ -128,7 +129,6 @@ def _of_people(rows: Sequence[HumanRow]) -> dict[str, Any]:
         "palpation_by_depth_s": {
             one: _spread([rows[i].palpation_s for i in places]) for one, places in by_depth.items()
         },
-        "power": asdict(power_of(subjects, len(given), repeats, float(np.mean(right)))),
         "note": "trials of one subject are no independent facts; subjects are few",
     }
 

@@ -1,6 +1,6 @@
 """A blinded session with a person: in estimation codes hide which phantom is which, until it is unsealed.
 
-Training goes by the phantoms' own codes, with their depths. Which code is which phantom lies sealed in a key
+Training goes by the phantoms' own codes, with their depths. Which code is which phantom is sealed in a key
 (:mod:`palp_core.palpation.mechanics.scene.sealed`); the run keeps its digest, so that no other opens it.
 """
 

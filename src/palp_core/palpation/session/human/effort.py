@@ -63,7 +63,7 @@ def rms(samples_v: Float64Array) -> Float64Array:
 
 
 def mvc_trouble(mvc_v: Float64Array, rest_v: Float64Array, rate_hz: float) -> str:
-    """Return why a contraction cannot be used as MVC, in words; "" where it can."""
+    """Return why a contraction cannot be used as MVC; "" where it can."""
     found = judged(mvc_v, rate_hz)
     if not found:
         return "no EMG came: is the amplifier measuring?"

@@ -56,7 +56,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class HumanTrial:
-    """Let the subject palpate, until said to be done or the time is over."""
+    """Let the subject palpate, until the operator ends it or the time is over."""
 
     index: int  # number of the trial, from 0, over both phases
     phase: Phase
@@ -133,8 +133,8 @@ class HumanDesign:
             )
         if self.sealed and self.order == "paper":
             raise PerceptionError(
-                "the paper's order is published, and tells of each trial which depth it has: a blinded "
-                "session takes order:=counterbalanced"
+                "the paper's order is published, and with it the depth of each trial: a blinded session "
+                "takes order:=counterbalanced"
             )
         for name in ("limit_s", "mvc_s", "mass_kg"):
             if not getattr(self, name) > 0.0:
@@ -170,7 +170,7 @@ def human(design: HumanDesign, again: Sequence[TrialKey] = ()) -> HumanPlan:
     for trial in done.copy():
         yield from _trial(trial, design.rest_s)
     for place in itertools.count():
-        if place == len(again):  # asked anew each time: a mark may have come meanwhile
+        if place == len(again):  # asked again each time: a mark may have come meanwhile
             return
         first = next(one for one in done if (one.phase, one.number) == again[place])
         number = 1 + sum(one.phase == first.phase for one in done)

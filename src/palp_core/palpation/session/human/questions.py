@@ -1,4 +1,4 @@
-"""What a person or the operator is asked, in words, and what an answer means."""
+"""What a person or the operator is asked, and what an answer means."""
 
 import re
 from collections.abc import Sequence
@@ -48,9 +48,11 @@ def mvc_words(step: HoldMvc) -> str:
 def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
     give = f"{'Leave' if same else 'Give'} phantom {trial.phantom}"
     depth_m = trial.depth_m if trial.told else None
-    tell = "; subject blindfolded" if depth_m is None else f"; tell the subject: {depth_m * 1e3:g} mm"
+    depth = "; subject blindfolded" if depth_m is None else f"; tell the subject: {depth_m * 1e3:g} mm"
     attempt = "" if trial.attempt == 1 else f", attempt {trial.attempt}"
-    return f"{trial.phase.capitalize()} trial {trial.number} of {of}{attempt}. {give}{tell}. Enter begins it."
+    return (
+        f"{trial.phase.capitalize()} trial {trial.number} of {of}{attempt}. {give}{depth}. Enter begins it."
+    )
 
 
 def ending(text: str) -> str:
@@ -73,10 +75,10 @@ def depth_answer(text: str, phantoms: Sequence[PlannedPhantom], form: AnswerForm
     >>> depth_answer(" 4 mm", HumanDesign().phantoms, "choice")
     4.0
     """
-    said = re.fullmatch(r"\s*(\d{1,3}(?:[.,]\d{1,6})?)\s*(?:mm)?\s*", text)
-    if said is None:
+    found = re.fullmatch(r"\s*(\d{1,3}(?:[.,]\d{1,6})?)\s*(?:mm)?\s*", text)
+    if found is None:
         raise PalpError("the answer is not a depth in mm: type a number, as 4")
-    depth_mm = float(said[1].replace(",", "."))
+    depth_mm = float(found[1].replace(",", "."))
     if form == "choice" and all(abs(p.depth_m * 1e3 - depth_mm) > 1e-9 for p in phantoms):
         raise PalpError(f"the subject chooses one of {_listed(phantoms)}")
     if not 0.0 <= depth_mm <= LARGEST_MM:

@@ -8,7 +8,7 @@
     OUT/emg/S01/estimation/01_2mm.npz        likewise; a second attempt has 01b
     OUT/emg_discarded/S01/...                contractions and trials that were done again
     OUT/interrupted/1/...                    table and EMG of the trial that was under way at an interruption
-    OUT/identity.json                        who it was, in codes; for nobody else to read
+    OUT/identity.json                        who it was, in codes; readable by its owner only
 
 ``palp emg fit-policy OUT`` learns the subject's chains from what counts.
 """
@@ -24,7 +24,7 @@ from palp_core.errors import PalpError
 from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.session_folder import cannot_write
-from palp_core.palpation.session.session_table import SessionTable, read_table
+from palp_core.palpation.session.session_table import SessionTable, TableForm, read_table
 from palp_core.units import Float64Array
 from palp_core.whole_file import whole_file, write_json
 
@@ -35,16 +35,16 @@ DISCARDED = "emg_discarded"
 
 
 def is_human_session(folder: Path) -> bool:
-    """Tell whether a folder holds a session of a person's own fingers."""
+    """Return whether a folder holds a session of a person's own fingers."""
     return (folder / HUMAN_TABLE).exists()
 
 
 class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One trial. What nobody was asked, or what is sealed, is None.
+    """One trial. What was not asked, or is sealed, is None.
 
     ``trial``: its number in its phase, from 1; ``attempt``: of the trial; ``ended_by``: ``subject``,
     ``limit``, or ``repeat`` where it was spoilt and is done again. ``palpation_s`` is from begin to end of
-    the palpation, ``answer_s`` from the question to the answer. ``answer_mm`` is what was said,
+    the palpation, ``answer_s`` from the question to the answer. ``answer_mm`` is the answer,
     ``estimate_m`` the nearest of the phantoms' depths. ``emg``: the file of its EMG. ``source`` and
     ``answered_by``: whose it was; :func:`is_of_a_person` asks them.
     """
@@ -73,8 +73,11 @@ class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
     end_ns: int
 
 
+_FORM = TableForm(HumanRow)
+
+
 def is_of_a_person(row: HumanRow) -> bool:
-    """Tell whether a row is of a person: muscles and answers both."""
+    """Return whether a row is of a person: muscles and answers both."""
     return row.source == "person" and row.answered_by not in ("", "script")
 
 
@@ -96,7 +99,7 @@ class HumanWriter(SessionTable):
     def start(self) -> None:
         refuse_human(self.folder)
         with self._taken(made=True):
-            self._begin(HumanRow.__struct_fields__)
+            self._begin(_FORM.columns())
 
     def go_on(self, row_count: int) -> None:
         """Go on with what an interrupted session has left, as it was after so many rows.
@@ -130,7 +133,7 @@ class HumanWriter(SessionTable):
     def append(self, row: HumanRow) -> None:
         """Add a trial; its EMG was written before."""
         try:
-            self._append([_cell(value) for value in msgspec.structs.astuple(row)])
+            self._append(_FORM.cells(row))
         except OSError as error:
             raise self._failure(error, f"{row.phase} trial {row.trial}", "all trials before") from error
 
@@ -160,17 +163,11 @@ def refuse_human(folder: Path, ways_on: str = "give this one another folder, out
 
 def human_table_text(rows: Sequence[HumanRow]) -> str:
     """Return a whole table, as :class:`HumanWriter` writes it row by row."""
-    found = ([_cell(value) for value in msgspec.structs.astuple(row)] for row in rows)
-    return csv_text(HumanRow.__struct_fields__, *found)
+    return csv_text(_FORM.columns(), *map(_FORM.cells, rows))
 
 
 def read_human(out: str | Path) -> list[HumanRow]:
-    return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _row)
-
-
-def _row(named: dict[str, str]) -> HumanRow:
-    plain = {name: None if cell == "" and name in _OPTIONAL else cell for name, cell in named.items()}
-    return msgspec.convert(plain, HumanRow, strict=False)
+    return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _FORM)
 
 
 def emg_that_does_not_count(out: Path) -> set[Path]:
@@ -182,10 +179,3 @@ def emg_that_does_not_count(out: Path) -> set[Path]:
 def emg_depths(out: Path) -> dict[Path, float | None]:
     """Return the depth of each trial's EMG by its file, m; None where it is sealed."""
     return {out / row.emg: row.depth_m for row in read_human(out) if row.emg}
-
-
-_OPTIONAL = {"depth_m", "answer_s", "answer_mm", "estimate_m"}
-
-
-def _cell(value: Any) -> Any:
-    return str(value).lower() if isinstance(value, bool) else "" if value is None else value

@@ -66,7 +66,7 @@ class HumanReport:
             raise cannot_write(folder, error) from error
 
     def __call__(self, summary: RunSummary) -> str:
-        """Write the report next to the record; return it in words."""
+        """Write the report next to the record; return its summary."""
         folder = run_note.out_of(summary)
         try:
             write_json(folder / RUN, summary)
@@ -86,7 +86,7 @@ session = HumanReport()
 def write_human(
     folders: list[Path], out: Path, sheet: SessionSheet | None = None, *, charts: bool = False
 ) -> str:
-    """Write the result and the page of sessions into a folder; return the result in words.
+    """Write the result and the page of sessions into a folder; return its summary.
 
     ``charts``: the chart is kept as PNG, SVG and CSV, too, in ``charts/``.
     """

@@ -1,4 +1,4 @@
-"""What lies in a folder of sessions: each with who, when, its state in words, and what counts of it."""
+"""What lies in a folder of sessions: each with who, when, its state, and what counts of it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _OF_ONE = ("out", "key", "overwrite", "session", "seed", "host", "folder", "opti
 """Parameters that differ from session to session by nature."""
 
 DICTIONARY_FILE = "dictionary.csv"
-"""By which a folder of exported tables is told from a session's."""
+"""By which a folder of exported tables differs from a session's."""
 
 State = Literal["whole", "unfinished", "running", "empty", "damaged", "person"]
 
@@ -57,7 +57,7 @@ class SessionEntry:
 
     @property
     def subject(self) -> str:
-        """Code of who was measured; ``none`` where nobody was, or nobody named it."""
+        """Code of who was measured; ``none`` if no one was, or the sheet names none."""
         return self.sheet.subject if self.sheet is not None else NONE
 
     @property
@@ -66,7 +66,7 @@ class SessionEntry:
         if self.sheet is None:
             return "?"
         names = [name for name in (self.sheet.subject, self.sheet.operator) if name != NONE]
-        return ", ".join(names) or ("simulated" if self.sheet.simulated else "nobody")
+        return ", ".join(names) or ("simulated" if self.sheet.simulated else "no one")
 
 
 def find_sessions(folder: Path) -> list[SessionEntry]:
@@ -80,9 +80,9 @@ def find_sessions(folder: Path) -> list[SessionEntry]:
 
 
 def sessions_below(path: Path) -> tuple[list[Path], list[dict[str, str]]]:
-    """Return the sessions that a folder of sessions stands for: those that count, and why others do not.
+    """Return the sessions that a folder of sessions means: those that count, and why others do not.
 
-    A session's own folder, a bag or a file stands for itself.
+    A session's own folder, a bag or a file means itself.
     """
     if not path.is_dir() or (path / TABLE).exists() or any(path.glob("*.mcap")):
         return [path], []

@@ -56,7 +56,7 @@ def difference_rows(record: Mapping[str, Any]) -> list[list[str]]:
 
 
 def remarks(record: Mapping[str, Any]) -> Iterator[str]:
-    """Yield in words what is left out, and what a reader of the numbers ought to know."""
+    """Yield what is left out, and what a reader of the numbers ought to know."""
     for one in record["left_out"]:
         yield f"left out: {one['path']}: {one['why']}"
     for group in record["groups"]:

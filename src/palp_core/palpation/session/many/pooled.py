@@ -153,7 +153,7 @@ def interval_of(mean: SessionMean) -> dict[str, Any]:
 def _differences(groups: Mapping[str, Sequence[SessionEntry]]) -> list[dict[str, Any]]:
     """Return the differences of accuracy between groups that have their units in common, within these.
 
-    In simulation, where nobody is a subject, sessions of one seed are one unit.
+    In simulation, without a subject, sessions of one seed are one unit.
     """
     shares = {design: _by_partner(members) for design, members in groups.items()}
     common = [

@@ -1,1 +1,1 @@
-"""Methods in a session: what nodes say of them, what a run has recorded of it, and that in words."""
+"""Methods in a session: what nodes report of them, and what a run has recorded of it."""

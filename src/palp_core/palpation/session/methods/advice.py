@@ -1,4 +1,4 @@
-"""What of a run no method vouches for, or will not be as it is asked for: told before it begins."""
+"""What in a run no method has a bound for, or will not be as it is asked for: reported before it begins."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def advice(summary: RunSummary) -> list[str]:
-    """Return in words what of a run its methods do not vouch for, or will not happen, and what to do."""
+    """Return what in a run its methods have no bound for, or will not happen, and what to do."""
     roles, wall_clock = roles_of(summary), summary.clock == "wall"
     broken = [f"left out: {words}" for words in left_out()]
     return [*broken, *_speed(roles), *_late(roles, wall_clock=wall_clock), *_too_late_swaps(roles)]

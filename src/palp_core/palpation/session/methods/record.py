@@ -62,7 +62,7 @@ def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[MethodRecord]:
 
 
 def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
-    """Return which nodes that go by exchangeable methods did not report by which, in words.
+    """Return which nodes did not report the methods that they use.
 
     A policy has something to report from the first trial of estimation on.
     """
@@ -108,11 +108,11 @@ def _record(one: MethodSpan, rows: Sequence[Row], roles: Roles) -> MethodRecord:
         cheaper={each.name: each.why for each in use.cheaper},
         from_s=one.at_s if any(row.end_ns / 1e9 <= one.at_s for row in rows) else 0.0,
         until_s=one.until_s,
-        guards=dict(met.most_common()) if roles.guards_heard or use.task not in MECHANICS else None,
+        guards=dict(met.most_common()) if roles.guards_recorded or use.task not in MECHANICS else None,
     )
 
 
-# in words
+# as sentences
 
 _SHOWN = 4
 _OWN = ("of", "guards")

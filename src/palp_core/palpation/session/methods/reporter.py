@@ -1,4 +1,4 @@
-"""What a node that goes by exchangeable methods is made of: a topic that says them, and what it said last."""
+"""Base of a node that reports which methods it uses: a topic, and what was published last."""
 
 from palp_core.graph.messages.builtin import MethodsUsed, MethodUse
 from palp_core.graph.messages.qos import Qos
@@ -8,15 +8,15 @@ from palp_core.methods import left_out
 
 
 class MethodReporterState(State):
-    """What a replacement inherits: the methods that were said last, so that nothing is said twice."""
+    """What a replacement inherits: the methods that were reported last, so that none is reported twice."""
 
     methods_told: list[MethodUse] = []
 
 
 class MethodReporter(Node):
-    """A node that says which methods it uses: at its start, after a swap, and as its methods change.
+    """A node that reports which methods it uses: at its start, after a swap, and as its methods change.
 
-    The topic is latched, so that who begins to record later hears all that was said.
+    The topic is latched, so that a later recorder has all of it, too.
     """
 
     state: MethodReporterState
@@ -36,7 +36,7 @@ class MethodReporter(Node):
         self.publish_methods(self.uses())
 
     def publish_methods(self, uses: list[MethodUse]) -> None:
-        """Say which methods are used from now on, where any are known that were not just said."""
+        """Publish which methods are used from now on, where any are known that were not published last."""
         if uses and uses != self.state.methods_told:
             self.state.methods_told = uses
             self.methods.publish(MethodsUsed(stamp_ns=self.now_ns(), uses=uses))

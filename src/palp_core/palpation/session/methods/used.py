@@ -75,7 +75,7 @@ def rig_of(phantom: Mapping[str, Any]) -> Rig:
 def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> list[MethodUse]:
     """Return the methods of a simulated phantom: the contact model of each phantom, and of the motion.
 
-    ``speed_m_s`` is the stage's, None while nobody has swept. ``world`` is reported with the scene.
+    ``speed_m_s`` is the stage's, None before the first sweep. ``world`` is reported with the scene.
     """
     common: dict[str, Any] = {"probe": asdict(rig.probe), "indentation_m": rig.indentation_m}
     if not world.plain:

@@ -1,6 +1,6 @@
 """Who is measured: codes instead of names, and whose muscles an amplifier's are.
 
-Nothing can tell every name from every code. What is refused is what a code never needs and a name nearly
+No rule separates every name from every code. What is refused is what a code never needs and a name nearly
 always has: a run of letters that is no usual abbreviation, a blank, an address, a date of birth. No message
 repeats what was typed: it may be a name, and messages are logged.
 """

@@ -52,7 +52,7 @@ def asked_human_sheet(summary: RunSummary) -> SessionSheet:
     node = next(leading, None)
     if node is None:
         raise PalpError(
-            f"{summary.file}: no node publishes {LEADS}, so nobody leads a person; leave out 'report:'"
+            f"{summary.file}: no node publishes {LEADS}, so no node leads a person; leave out 'report:'"
         )
     asked = summary.params.get(node, {})
     source = source_of(asked.get("amplifier") or "", asked.get("host") or "")
@@ -108,7 +108,7 @@ def _codes(asked: dict[str, Any]) -> Sequence[str]:
 
 
 def write_copy(summary: RunSummary, folder: Path) -> None:
-    """Write the sheet of a run beside its session, for people; ``run.json`` has it for machines."""
+    """Write the sheet of a run next to its session, for people; ``run.json`` has it for machines."""
     if text := summary.attached.get(SHEET):
         write_whole(folder / SHEET, text)
 
@@ -123,7 +123,7 @@ def refuse_own_sheet(folder: Path) -> None:
     if own:
         raise PalpError(
             f"{path} is a sheet that palp did not write, and the session's copy would take its place: keep "
-            "it elsewhere, as beside the folder"
+            "it elsewhere, as next to the folder"
         )
 
 

@@ -18,7 +18,7 @@ from palp_core.palpation.session.sheet.identity import subject_code
 from palp_core.whole_file import read_whole
 
 NONE = "none"
-"""What stands for a subject or an approval that there is none of."""
+"""In place of a subject or an approval that there is none of."""
 
 
 class PhantomEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -62,8 +62,8 @@ SIMULATED = SessionSheet(lab="simulation", operator=NONE, simulated=True)
 MEANING = {
     "lab": "where the session is run",
     "operator": "who runs it: initials or a code",
-    "subject": "code of who is measured, as S01, never a name; none where nobody is",
-    "ethics": "id of the approval; none where nobody is measured",
+    "subject": "code of who is measured, as S01, never a name; none if no one is",
+    "ethics": "id of the approval; none if no one is measured",
     "phantoms": "the phantoms by code",
     "sensor": "the torque sensor",
     "note": "anything else",
@@ -114,7 +114,7 @@ def sheet_text(sheet: SessionSheet) -> str:
 
 
 def parse_copy(text: str, where: str) -> SessionSheet:
-    """Return the sheet that palp wrote beside a session."""
+    """Return the sheet that palp wrote next to a session."""
     try:
         return msgspec.convert(yaml.safe_load(text), SessionSheet)
     except (yaml.YAMLError, msgspec.ValidationError) as error:
@@ -228,7 +228,7 @@ class _Reader:
             try:
                 return subject_code(text)
             except PalpError as error:
-                why = f"{error}; none where nobody is measured"
+                why = f"{error}; none if no one is measured"
         if why:
             self._problems.add(value.mark, why)
         return text
