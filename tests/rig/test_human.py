@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +17,12 @@ from palp_core.palpation.identification.emg.muscles import ImportOptions
 from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.chain_file import markov_policy, write_chains
 from palp_core.palpation.session import audit
-from palp_core.palpation.session.human.orders import TABLE_4_MM
 from palp_core.palpation.session.human.record import read_human
 from tests.palpation.session.sheet.test_sheet import FILLED
 from tests.support.palp import ROOT
 from tests.support.rig_session import ComposedGraph, check_here
 
 HUMAN = ROOT / "launch/human.yaml"
-FULL_S = 60.0
-"""CPU that six simulated subjects may take composed, trials of 5 s: what an idle machine takes of time."""
-
-
-def cpu_s() -> float:
-    """Return the CPU time of this process and of its children that have ended."""
-    return sum(os.times()[:4])
 
 
 def session(out: Path, number: int, **given: object) -> Path:
@@ -135,15 +126,3 @@ def test_a_trial_that_was_excluded_teaches_no_chain(study: list[Path], tmp_path:
     audit.decide(folder, ("estimation", 2), "exclude", "the subject looked")
     done = CliRunner().invoke(emg.app, ["fit-policy", str(folder), "--json"])
     assert len(json.loads(done.stdout)["trials"]) == 5
-
-
-@pytest.mark.nightly
-def test_six_subjects_of_the_papers_experiment_take_a_minute_at_most(tmp_path: Path) -> None:
-    begin_s = cpu_s()
-    folders = [session(tmp_path / f"S{number:02d}", number) for number in range(1, 7)]
-    took_s = cpu_s() - begin_s
-    for folder in folders:
-        rows = read_human(folder)
-        assert [round((row.depth_m or 0.0) * 1e3) for row in rows[15:]] == list(TABLE_4_MM)
-        assert {round(row.palpation_s, 6) for row in rows} == {5.0}
-    assert took_s < FULL_S

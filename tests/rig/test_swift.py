@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -101,20 +100,6 @@ def test_replayed_nodes_say_the_same_again(
     for one in replay(folder / "bag", ["estimator", "stage"], ROOT):
         assert one.divergence is None, one.divergence
         assert one.compared > 0
-
-
-@pytest.mark.nightly
-def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Path) -> None:
-    digests: list[Any] = []
-    for how in ((), ("--compose",)):
-        to = tmp_path / f"digest{len(digests)}.json"
-        given = ("protocol:=swift", "policy:=fixed", "trials:=1", "training:=2", "rings_mm:=16")
-        out = (f"out:={tmp_path / 'out'}", "overwrite:=true")
-        done = palp.run("launch", SIM, "--digest", to, *how, *given, *out)
-        assert done.returncode == 0, done.stderr
-        digests.append(json.loads(to.read_text(encoding="utf-8")))
-    assert digests[0] == digests[1]
-    assert "/estimator/outlook" in json.dumps(digests[0])
 
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])

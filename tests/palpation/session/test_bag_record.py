@@ -23,12 +23,10 @@ from palp_core.graph.messages.message import encode
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.recorded_session import read_session
-from palp_core.palpation.session.report import write
 from palp_core.palpation.session.session_folder import OWN_FILES, SWEEPS
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.bags import describe
-from tests.support.palp import SIM
-from tests.support.rig_session import ComposedGraph, RigSession
+from tests.support.rig_session import RigSession
 from tests.support.sessions import Summariser, without_times
 
 NOBODY_COUNTS = {"activations"}
@@ -74,20 +72,6 @@ def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
     before = (again / "result.json").read_bytes()
     report(again)
     assert (again / "result.json").read_bytes() == before
-
-
-@pytest.mark.slow
-def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_path: Path) -> None:
-    out, bag = tmp_path / "out", tmp_path / "bag"
-    swaps = "swaps:=2=nodes.policy_uniform:Uniform"
-    with ComposedGraph(
-        SIM, out=out, record=bag, trials=1, training=2, overrides=["shared.depths:=16", swaps]
-    ) as graph:
-        graph.run()
-    write(tmp_path / "again", write_record(bag, tmp_path / "again"))
-    same_record(tmp_path / "again", out)
-    assert {row.policy for row in read_rows(out)} == {"markov", "uniform"}
-    assert "rings_mm" in json.dumps(result(tmp_path / "again")["protocol"]["policy"])
 
 
 @pytest.mark.parametrize("overwrite", [False, True])

@@ -5,7 +5,6 @@ A damaged row is reported with its line, never skipped; no session is overwritte
 
 from __future__ import annotations
 
-import csv
 import errno
 import os
 import shutil
@@ -167,16 +166,6 @@ def test_a_damaged_row_is_named_by_its_line(
     table.write_text("".join(damage(*table.read_text().splitlines(keepends=True))))
     with pytest.raises(PalpError, match=f"trials.csv{words}"):
         read_rows(writer.folder)
-
-
-def test_a_record_without_a_column_for_the_height_is_still_read(writer: SessionWriter) -> None:
-    table = writer.folder / TABLE
-    with table.open(newline="") as file:
-        lines = list(csv.reader(file))
-    place = lines[0].index("true_height_m")
-    with table.open("w", newline="") as file:
-        csv.writer(file).writerows([*cells[:place], *cells[place + 1 :]] for cells in lines)
-    assert [(one.true_height_m, one.true_ring_m) for one in read_rows(writer.folder)] == [(None, 0.0161)] * 2
 
 
 def inflating(path: Path) -> None:

@@ -110,11 +110,10 @@ def reanalyse(
     as_json: JsonOption = False,
 ) -> None:
     """A row per combination of methods."""
-    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation import read_scene, read_sessions
     from palp_core.palpation.perception.belief.rig_noise import read_noise
     from palp_core.palpation.session import analysis
     from palp_core.palpation.session.many.overview import sessions_below
-    from palp_core.palpation.session.recorded_sweeps import read_sessions
 
     if out is not None:
         make_folder(out)
