@@ -71,10 +71,10 @@ def test_load_changes_no_byte_and_no_result(tmp_path: Path) -> None:
 
 
 def test_the_record_names_each_phantoms_rung_bound_and_the_guards_that_acted(rig_session: RigSession) -> None:
-    mechanics = rig_session.result["mechanics"]
-    assert mechanics["bound"] <= mechanics["tolerance"]
-    assert {one["rung"] for one in mechanics["per_phantom"].values()} == {"l2"}
-    guards = {code: " ".join(one["guards"]) for code, one in mechanics["per_phantom"].items()}
+    contact = [one for one in rig_session.result["methods"] if one["task"] == "contact"]
+    assert [(one["of"], one["method"]) for one in contact] == [("A", "l2"), ("B", "l2"), ("C", "l2")]
+    assert all(one["bound"] <= one["tolerance"] for one in contact)
+    guards = {code: " ".join(met) for code, met in rig_session.result["mechanics"]["guards"].items()}
     assert "ring_m = 0.016: small strain" in guards["A"]
     assert guards["C"] == ""
     assert "/phantom/guard" in json.dumps(rig_session.digest)

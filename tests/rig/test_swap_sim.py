@@ -295,15 +295,11 @@ class Tired(Fixed):
 """
 
 
-BEGINNERS = """
+BEGINNER = """
 import dataclasses
 
 from nodes.policy_fixed import Fixed
 from palp_core.palpation.perception.strategy.policies import FixedRing
-
-
-class Beginner(Fixed):
-    pass
 
 
 @dataclasses.dataclass(frozen=True)
@@ -350,12 +346,9 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
     assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])
 
 
-@pytest.mark.parametrize("name", ["Beginner", "Astray"])
-def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen(tmp_path: Path) -> None:
     bad = tmp_path / "beginner.py"
-    bad.write_text(BEGINNERS)
+    bad.write_text(BEGINNER)
     felt: list[int] = []
 
     def take(now_ns: int, frame: bytes) -> None:
@@ -363,19 +356,14 @@ def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen
             felt.append(now_ns)
             if len(felt) == 2:
                 request = SwapRequest(
-                    node="policy", run=f"{bad}:{name}", probation=Probation(), timeout_s=600.0
+                    node="policy", run=f"{bad}:Astray", probation=Probation(), timeout_s=600.0
                 )
                 graph.swaps.plan(now_ns, request)
 
-    small = ("trials:=1", "training:=2", "seed:=4", "policy:=fixed")
+    small = ("trials:=1", "training:=1", "seed:=4", "policy:=fixed")
     with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
-        failures, reports = _forgiving(graph), _reported(graph)
+        failures = _forgiving(graph)
         assert graph.run().exit_code == 0
-    assert len(felt) > 30  # training, and then the trials of the old one
-    if name == "Astray":
-        (failure,) = failures
-        assert (failure.step, "does not know where to begin" in failure.text) == ("probation", True)
-    else:
-        assert failures == []
-        (report,) = reports
-        assert (report.proven, report.proven_by) == (3, "choice")
+    assert len(felt) > 15  # training, and then the trials of the old one
+    (failure,) = failures
+    assert (failure.step, "does not know where to begin" in failure.text) == ("probation", True)

@@ -67,7 +67,7 @@ def write_report(
     sheet: SessionSheet | None = None,
 ) -> Path:
     """Write the page; ``given`` are the arguments that the launch was given, ``name:=value``."""
-    phantoms = result.mechanics.per_phantom if result.mechanics else {}
+    guards = (result.mechanics.guards if result.mechanics else None) or {}
     confusion, accuracy, world = result.confusion, result.accuracy, result.world
     depths = [f"{depth:g} mm" for depth in confusion.depths_mm]
     bars = [(f"{depth} mm", share) for depth, share in accuracy.per_depth_mm.items() if share.of]
@@ -98,17 +98,13 @@ def write_report(
             "estimated": [f"estimated {depth}" for depth in depths],
             "rows": [[d, *line] for d, line in zip(depths, confusion.actual_by_estimated, strict=True)],
         },
-        met=[(code, words) for code, one in phantoms.items() for words in one.guards or ()],
+        met=[(code, words) for code, met in guards.items() for words in met],
         warnings=[
-            f"phantom {code}, {one.guards[-1]}"  # of its stiffest ring
-            + (f" (and {len(one.guards) - 1} more, under Mechanics)" if one.guards[1:] else "")
-            for code, one in phantoms.items()
-            if one.guards
+            f"phantom {code}, {met[-1]}"  # of its stiffest ring
+            + (f" (and {len(met) - 1} more, under Mechanics)" if met[1:] else "")
+            for code, met in guards.items()
+            if met
         ],
-        phantoms=_by_line(
-            (code, (one.rung, "none" if one.bound is None else percent(one.bound), one.reason))
-            for code, one in phantoms.items()
-        ),
         scene=_by_line(
             (thing, (name, entry.value, entry.basis))
             for thing, quantities in (result.mechanics.scene if result.mechanics else {}).items()

@@ -30,7 +30,7 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session.method_choices import AUTO
-from palp_core.palpation.session.methods.record import MethodRecord, methods_of, reason, unsaid
+from palp_core.palpation.session.methods.record import MethodRecord, methods_of, unsaid
 from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan import policy_name
@@ -118,26 +118,17 @@ class StopRuleUsed(msgspec.Struct, kw_only=True):
     settings: dict[str, Any]
 
 
-class PhantomModel(msgspec.Struct, kw_only=True):
-    """The contact model of a phantom; ``guards``: what sweeps met, None if it was not recorded."""
-
-    rung: str
-    bound: float | None
-    reason: str
-    guards: list[str] | None
-
-
 class Based(msgspec.Struct, kw_only=True):
     value: Any
     basis: str
 
 
 class MechanicsResult(msgspec.Struct, kw_only=True):
-    rung: str
-    bound: float
+    """What was touched; ``guards``: what the sweeps over each phantom met, None if that was not recorded."""
+
     output: str
     tolerance: float
-    per_phantom: dict[str, PhantomModel]
+    guards: dict[str, list[str]] | None
     scene: dict[str, dict[str, Based]]
 
 
@@ -415,28 +406,14 @@ def _touched(summary: RunSummary, roles: Roles) -> dict[str, MethodUse]:
 
 
 def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> MechanicsResult:
-    """Return every phantom's rung, its stated bound, its guards, and the scene.
-
-    Guards are what the run's sweeps met, as the phantom reported; None if the experiment did not receive it.
-    """
     phantom, uses = roles.params("phantom"), _touched(summary, roles)
     file = phantom.get("scene") or phantom.get("phantoms", "")
     scenes = {code: json.loads(use.scene) for code, use in uses.items()}
     first = next(iter(uses))
     return MechanicsResult(
-        rung=", ".join(sorted({use.name for use in uses.values()})),
-        bound=max(use.bound for use in uses.values()),
         output=uses[first].output,
         tolerance=uses[first].tolerance,
-        per_phantom={
-            code: PhantomModel(
-                rung=use.name,
-                bound=use.bound if use.bounded else None,
-                reason=reason(use),
-                guards=_guards(session, code) if roles.guards_recorded else None,
-            )
-            for code, use in uses.items()
-        },
+        guards={code: _guards(session, code) for code in uses} if roles.guards_recorded else None,
         scene={
             "probe": _based(scenes[first]["probe"], phantom.get("scene", "")),
             **{code: _based(_flat(scene["phantom"]), file) for code, scene in scenes.items()},

@@ -14,7 +14,6 @@ import msgspec
 
 from palp_core.counted import counted
 from palp_core.graph.launch.run_journal import MethodSpan
-from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods.choice import amount
 from palp_core.palpation.mechanics.scene.guard import task_of
 from palp_core.palpation.session.roles import Roles, roles_of
@@ -155,16 +154,3 @@ def _sentences(group: Sequence[MethodRecord]) -> list[str]:
     if rest := sum(count for _, count in met.most_common()[_SHOWN:]):
         found.append(f"met: the like in {counted(rest, 'more palpation')}; --json lists all")
     return found
-
-
-def reason(use: MethodUse) -> str:
-    """Return in a sentence why a method was used, as the register words it."""
-    stated = (
-        f"'{use.output}' within {amount(use.bound, use.output)}"
-        if use.bounded
-        else f"no bound on '{use.output}'"
-    )
-    how = "asked for by name; " if use.asked else ""
-    why = f"{use.name}: {how}{stated} (asked: {amount(use.tolerance, use.output)}), evidence {use.evidence}"
-    cheaper = "; ".join(f"{each.name} ({each.why})" for each in use.cheaper)
-    return f"{why}; cheaper: {cheaper}" if cheaper else why
