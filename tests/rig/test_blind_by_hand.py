@@ -25,7 +25,7 @@ from palp_core.palpation.session.bag_record import launch_of
 from palp_core.palpation.session.human.blinding import DIGEST, refuse_other_key, sealed_name, unseal
 from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human
 from palp_core.palpation.session.many.overview import find_sessions
-from palp_core.palpation.session.many.page import rows_of
+from palp_core.palpation.session.many.pooled import rows_of
 from palp_core.palpation.session.run_note import read_note, refuse_resuming
 from palp_core.sealing import opened, sealed
 from palp_core.whole_file import is_locked, write_whole

@@ -141,15 +141,6 @@ def test_the_mechanics_have_the_guards_of_the_run_and_solve_nothing_again(
     assert built(out, run)["mechanics"]["guards"] is None
 
 
-def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summary: Summariser) -> None:
-    run = summary(out := record())
-    for name in ("phantom", "estimator"):
-        run.params.pop(name)
-    run.publishes.pop("phantom")
-    found = built(out, run)
-    assert found["mechanics"] is found["stop_rule"] is None
-
-
 def test_a_result_is_read_back_and_a_missing_or_broken_one_is_an_error(
     record: Writer, summary: Summariser, tmp_path: Path
 ) -> None:

@@ -21,8 +21,7 @@ from palp_core.palpation.export.export import write_export
 from palp_core.palpation.export.source import read_source
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
-from palp_core.palpation.session.many.page import remarks
-from palp_core.palpation.session.many.pooled import pool
+from palp_core.palpation.session.many.pooled import pool, remarks
 from palp_core.palpation.session.session_folder import SHEET
 from palp_core.palpation.session.sheet.sheet import SessionSheet, sheet_text
 from palp_core.whole_file import write_json

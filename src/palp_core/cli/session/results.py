@@ -25,33 +25,29 @@ def list_sessions(
     """Unfinished, running, damaged and empty sessions are listed, too; whole ones are pooled, without
     excluded trials. Status 1: none counts.
     """
+    from palp_core.palpation.session.many import pooled
     from palp_core.palpation.session.many.overview import find_sessions
-    from palp_core.palpation.session.many.pooled import pool
 
     if out is not None:
         make_folder(out)
     entries = find_sessions(folder)
-    record = pool(entries, unfinished=unfinished)
+    record = pooled.pool(entries, unfinished=unfinished)
     if as_json:
         print_json(record)
     else:
-        from palp_core.palpation.session.many.page import difference_rows, pooled_rows, remarks, rows_of
-
-        tables = [rows_of(entries, folder)]
-        tables += [pooled_rows(record)] if record["groups"] else []
-        tables += [difference_rows(record)] if record["differences"] else []
+        tables = [pooled.rows_of(entries, folder)]
+        tables += [pooled.pooled_rows(record)] if record["groups"] else []
+        tables += [pooled.difference_rows(record)] if record["differences"] else []
         for table in tables:
             print_table(table)
             print_text("")
-        for text in remarks(record):
+        for text in pooled.remarks(record):
             print_text(text)
     if not record["groups"]:
         note("no session counts, so nothing is pooled")
         raise typer.Exit(1)
     if out is not None:
-        from palp_core.palpation.session.many.page import write_pooled
-
-        note(f"written: {write_pooled(record, entries, folder, out)}")
+        note(f"written: {pooled.write_pooled(record, entries, folder, out)}")
 
 
 def report(

@@ -7,11 +7,13 @@ units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.resampling import (
     SessionMean,
@@ -20,9 +22,12 @@ from palp_core.palpation.perception.statistics.resampling import (
     compare,
     share_interval,
 )
+from palp_core.palpation.reporting.html_page import percent, span, write_page
+from palp_core.palpation.reporting.table import write_csv
 from palp_core.palpation.session.many.overview import SessionEntry, entries_that_count
 from palp_core.palpation.session.recorded_session import RecordedTrial, mm
 from palp_core.palpation.session.sheet.sheet import NONE
+from palp_core.whole_file import write_json
 
 _SEED = 1
 
@@ -32,9 +37,9 @@ Units = Mapping[str, Sequence[RecordedTrial]]
 
 def pool(entries: Sequence[SessionEntry], *, unfinished: bool = False) -> dict[str, Any]:
     """Return what sessions say together, group by group; sessions of one group were run alike."""
-    counted, left_out = entries_that_count(entries, unfinished=unfinished)
+    found, left_out = entries_that_count(entries, unfinished=unfinished)
     groups: dict[str, list[SessionEntry]] = {}
-    for entry in counted:
+    for entry in found:
         groups.setdefault(entry.design, []).append(entry)
     return {
         "sessions": [_listed(entry) for entry in entries],
@@ -180,3 +185,74 @@ def _by_partner(members: Sequence[SessionEntry]) -> dict[str, float]:
         return {name: _right(one) for name, one in units.items()}
     seeds = {f"seed {entry.seed}": _right(entry.trials) for entry in members}
     return seeds if len(seeds) == len(members) else {}
+
+
+# as tables and a page
+
+
+def rows_of(entries: Sequence[SessionEntry], folder: Path) -> list[list[str]]:
+    rows = [["session", "began", "who", "state", "trials", "excluded", "design"]]
+    for entry in entries:
+        name = str(entry.path.relative_to(folder)) if entry.path != folder else str(entry.path)
+        trials = str(len(entry.trials)) if entry.design else "-"
+        excluded = str(len(entry.excluded)) if entry.excluded else "-"
+        rows.append([name, entry.began or "-", entry.who, entry.words, trials, excluded, entry.design or "-"])
+    return rows
+
+
+def pooled_rows(record: Mapping[str, Any]) -> list[list[str]]:
+    rows = [["design", "over", "trials", "accuracy", "95 %", "palpations", "calibration error", "undecided"]]
+    for group in record["groups"]:
+        over = counted(group["units"], group["unit"])
+        if group["unit"] == "subject" and group["sessions"] != group["units"]:
+            over += f" ({counted(group['sessions'], 'session')})"
+        accuracy, probes, error = (group[name] for name in ("accuracy", "probes", "calibration_error"))
+        rows.append(
+            [
+                *(group["design"], over, str(group["trials"])),
+                *(percent(accuracy["value"]), span(accuracy["ci"]) + " %"),
+                f"{probes['value']:.2f}" + (f" ({span(probes['ci'], '.2f', 1.0)})" if probes["ci"] else ""),
+                f"{error['value']:.3f}" + (f" ({span(error['ci'], '.3f', 1.0)})" if error["ci"] else ""),
+                str(group["undecided"]),
+            ]
+        )
+    return rows
+
+
+def difference_rows(record: Mapping[str, Any]) -> list[list[str]]:
+    rows = [["first", "less second", "points", "95 %", "p", "p, Holm"]]
+    for one in record["differences"]:
+        points, ends = f"{100.0 * one['difference']['value']:+.1f}", span(one["difference"]["ci"])
+        rows.append([one["first"], one["second"], points, ends, f"{one['p']:.3g}", f"{one['p_holm']:.3g}"])
+    return rows
+
+
+def remarks(record: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is left out, and what a reader of the numbers ought to know."""
+    for one in record["left_out"]:
+        yield f"left out: {one['path']}: {one['why']}"
+    for group in record["groups"]:
+        if group["excluded"]:
+            yield f"{group['design']}: excluded trials, each with its reason: {group['excluded']}"
+        for words in group["remarks"]:
+            yield f"{group['design']}: {words}"
+    if len(record["groups"]) > 1 and not record["differences"]:
+        yield "groups are not compared: they have neither subjects nor seeds in common"
+
+
+def write_pooled(record: Mapping[str, Any], entries: Sequence[SessionEntry], folder: Path, out: Path) -> Path:
+    """Write ``sessions.csv``, ``pooled.csv``, ``pooled.json`` and the page; return the page."""
+    out.mkdir(parents=True, exist_ok=True)
+    listed, pooled = rows_of(entries, folder), pooled_rows(record)
+    write_csv(out / "sessions.csv", listed[0], listed[1:])
+    write_csv(out / "pooled.csv", pooled[0], pooled[1:])
+    write_json(out / "pooled.json", record)
+    return write_page(
+        out / "index.html",
+        "sessions.html",
+        record=record,
+        listed=listed,
+        pooled=pooled,
+        differences=difference_rows(record),
+        remarks=list(remarks(record)),
+    )
