@@ -5,6 +5,19 @@ What a notebook needs of them is here, and loads on first use:
 >>> from palp_core.palpation import Scene, run_scene
 >>> run_scene(Scene()).choice.rung
 'l2'
+
+A session follows a plan, which yields what to do next and is sent what came of it. ``palp launch`` lets a rig
+answer; without one a program does:
+
+>>> import numpy as np
+>>> from palp_core.palpation import ExperimentDesign, StepReply, experiment
+>>> plan = experiment(ExperimentDesign(repeats=1, trials_per_phantom=1), np.random.default_rng(1))
+>>> next(plan)
+MountPhantom(phantom='A')
+>>> [plan.send(StepReply("done")) for _ in range(3)][-1]
+Palpate(trial=0, iteration=1, ring_given=True, ring_m=0.012)
+
+:func:`read_result` and :func:`read_sessions` read what a session left.
 """
 
 from __future__ import annotations
@@ -41,6 +54,7 @@ if TYPE_CHECKING:
     from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
     from palp_core.palpation.perception.signal.features import contrast, peak
     from palp_core.palpation.perception.signal.wavelet import denoise
+    from palp_core.palpation.session.plan import ExperimentDesign, StepReply, experiment
     from palp_core.palpation.session.recorded_sweeps import read_sessions
     from palp_core.palpation.session.result import SessionResult, read_result
 
@@ -48,12 +62,14 @@ __all__ = [
     "Bead",
     "ContactModel",
     "EmgSettings",
+    "ExperimentDesign",
     "Phantom",
     "Primitives",
     "Probe",
     "Scene",
     "SessionResult",
     "StagePath",
+    "StepReply",
     "Sweep",
     "SweepTable",
     "Tolerance",
@@ -66,6 +82,7 @@ __all__ = [
     "decide",
     "denoise",
     "equilibria",
+    "experiment",
     "fit_gel",
     "peak",
     "read_emg",

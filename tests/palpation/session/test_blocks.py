@@ -25,7 +25,7 @@ from tests.support.palp import ROOT
         ("sim.yaml reading:=trace", "stage", StageParams(), "torque", 50),  # decided within
         ("rig.yaml", "torque", RigTorqueParams(), "torque", 20),
         ("emulated.yaml", "torque", RigTorqueParams(), "torque", 20),
-        ("sim.yaml", "emg", EmgParams(), "emg", 75),
+        ("sim.yaml", "emg", EmgParams(), "emg", 150),
         ("rig.yaml", "emg", EmgParams(), "emg", 75),
         ("emulated.yaml", "emg", EmgParams(), "emg", 75),
     ],

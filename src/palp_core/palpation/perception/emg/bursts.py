@@ -8,7 +8,6 @@ come out whatever the blocks, to the bit.
 
 import math
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -67,6 +66,11 @@ class BurstState:
     sunk: int = -1  # Since which sample it is one; -1: there is none, or the scatter's, and the peak goes on
     still: list[float] = field(default_factory=list)  # Its last looks, as long as a shelf is
 
+    def copied(self) -> "BurstState":
+        """Return a state that shares nothing with this one that changes."""
+        hump = None if self.hump is None else replace(self.hump, looks=[*self.hump.looks])
+        return replace(self, peaks=[*self.peaks], hump=hump, still=[*self.still])
+
 
 @dataclass(frozen=True)
 class Found:
@@ -115,7 +119,7 @@ class BurstRule:
         """Return the next state and what this block settles, in its order."""
         if not np.isfinite(values).all():
             raise PerceptionError("co-contraction holds NaN or infinity; bridge the gap before it gets here")
-        state, step = deepcopy(state), look_step(self.rate_hz)
+        state, step = state.copied(), look_step(self.rate_hz)
         detector, first = _BurstDetector(self, state), -state.sample_count % step
         looks = np.asarray(values[first::step], dtype=np.float64).tolist()
         for number, value in enumerate(looks):
@@ -125,7 +129,7 @@ class BurstRule:
 
     def finish(self, state: BurstState) -> Found:
         """Return what is still open at the end of the recording; a burst that goes on ends there."""
-        detector, last = _BurstDetector(self, deepcopy(state)), state.sample_count - 1
+        detector, last = _BurstDetector(self, state.copied()), state.sample_count - 1
         if state.begin >= 0:
             detector.close(last if state.below < 0 else state.below, last)
         return detector.found()
