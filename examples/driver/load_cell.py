@@ -14,12 +14,12 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 
-from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
+from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.link.serial_link import SerialLink
-from palp_core.palpation.devices.link.session_thread import SessionThread
+from palp_core.palpation.devices.link.session_thread import SessionDriver
 from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.units import Float64Array
 
@@ -35,7 +35,7 @@ class LoadCellState(msgspec.Struct):
 
 
 @dataclass
-class LoadCell:
+class LoadCell(SessionDriver):
     """Parameters and link of the amplifier.
 
     Attributes:
@@ -59,34 +59,12 @@ class LoadCell:
 
     def __post_init__(self) -> None:
         check_range("load_cell", "rate_hz", self.rate_hz, 1.0, 1000.0)
-        check_range("load_cell", "stale_s", self.stale_s, 1e-3, 10.0)
         check_range("load_cell", "range_n_m", self.range_n_m, 1e-9, 1e3)
-        self._host = HostTime()
-        self._monitor = HealthMonitor(self.stale_s)
-        self._receiver = SessionThread("load_cell", self._connect, self._monitor, self._host)
+        self._prepare("load_cell", self.stale_s)
+        self._begin()
+
+    def _begin(self) -> None:
         self._line = SampleLine(self.rate_hz, 1)
-        self._first = 0
-
-    def open(self, now_ns: int, state: LoadCellState, rng: np.random.Generator) -> None:
-        """Open the port and begin to listen.
-
-        Raises:
-            DeviceError: No such port, another program has it, or it is open already.
-        """
-        self._receiver.refuse_if_running()
-        self._host.observe(now_ns)
-        self._first = state.sample_count
-        self._line = SampleLine(self.rate_hz, 1)
-        self._receiver.start()
-
-    def close(self) -> None:
-        """Listen no longer, and release the port."""
-        self._receiver.stop()
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        """Return how it does; it is taken up again by itself when a cable was out."""
-        self._host.observe(now_ns)
-        return self._monitor.read(self._host.now_ns())
 
     def drain(self, now_ns: int, state: LoadCellState, rng: np.random.Generator) -> TorqueSamples:
         """Return every sample since the last call, those between that were lost marked by a gap."""

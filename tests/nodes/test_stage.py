@@ -48,7 +48,7 @@ def place_m(bench: Bench[Stage]) -> tuple[float, float]:
     return float(reading.y_m[0]), float(reading.z_m[0])
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(block_samples=st.integers(1, 400), begin_ms=st.floats(0.0, 40.0))
 def test_every_instant_of_the_1_khz_grid_comes_once_whatever_the_blocks(
     block_samples: int, begin_ms: float

@@ -14,7 +14,7 @@ places = st.floats(-0.1, 0.1)
 speeds = st.floats(1e-4, 0.35)
 accels = st.floats(1e-2, 10.0)
 starts = st.integers(0, 10**12)
-few = settings(deadline=None, max_examples=60)
+few = settings(deadline=None, max_examples=25)
 
 
 def sampled(profile: MotionProfile, count: int = 4001) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,6 +92,11 @@ def run(
     return check, shown
 
 
+def seeds(count: int) -> list[Any]:
+    """Return the first two seeds, and more at night."""
+    return [pytest.param(seed, marks=[pytest.mark.nightly] if seed > 1 else []) for seed in range(count)]
+
+
 def axis(asked_ns: int, answered_ns: int, at_m: float) -> AxisReport:
     return AxisReport(
         axis="X", direction="y", fault="", moving=False, enabled=True,
@@ -98,7 +104,7 @@ def axis(asked_ns: int, answered_ns: int, at_m: float) -> AxisReport:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", seeds(20))
 @pytest.mark.parametrize(
     ("period_ms", "answer_ms", "late_ms"),
     [(20.0, 3.0, 5.0), (20.0, 3.0, 2000.0), (60.0, 50.0, 500.0), (20.0, 600.0, 0.0), (300.0, 200.0, 3000.0)],
@@ -113,7 +119,7 @@ def test_the_same_controller_never_contradicts_itself_however_late_and_slow_all_
     assert check.verified_ns("z") == 0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(5))
 @pytest.mark.parametrize(
     ("stage", "link"),
     [

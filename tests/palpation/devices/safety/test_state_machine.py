@@ -151,4 +151,4 @@ class SafetyWalk(RuleBasedStateMachine):
 
 
 TestSafetyWalk = SafetyWalk.TestCase
-TestSafetyWalk.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestSafetyWalk.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)

@@ -117,7 +117,7 @@ FAST = {
 def test_the_levels_follow_the_matrix() -> None:
     matrix = 0.5 * np.eye(5) + 0.5 * CYCLE
     source = SimEmg(matrix=matrix, band_hz=(20.0, 400.0), **FAST)  # type: ignore[arg-type]
-    visited = levels_visited(source, 2000)
+    visited = levels_visited(source, 800)
     counts = np.zeros((5, 5))
     for current, following in pairwise(visited):
         counts[following, current] += 1

@@ -11,7 +11,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 
 targets = st.sampled_from([0.0, 0.004, 0.008, 0.012, 0.016])
-few = settings(deadline=None, max_examples=40)
+few = settings(deadline=None, max_examples=20)
 
 
 def opened(ring: SimRing, rng: np.random.Generator) -> SimRingState:

@@ -12,7 +12,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.sim.stage import SimStage, SimStageState
 
 FROM_M, TO_M = -0.025, 0.025
-few = settings(deadline=None, max_examples=40)
+few = settings(deadline=None, max_examples=20)
 
 
 def at_the_start(stage: SimStage, from_m: float = FROM_M, to_m: float = TO_M) -> tuple[SimStageState, int]:

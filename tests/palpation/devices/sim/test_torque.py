@@ -13,7 +13,7 @@ from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.sim.torque import SimTorque, SimTorqueState
 
 STEP_N_M = 1e-3 / 64
-few = settings(deadline=None, max_examples=40)
+few = settings(deadline=None, max_examples=20)
 
 
 def started(sensor: SimTorque) -> SimTorqueState:

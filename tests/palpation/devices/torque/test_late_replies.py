@@ -143,7 +143,7 @@ def test_a_steady_delay_never_passes_for_fresh(late_ms: int, rate_hz: float) -> 
         assert not set(range(21, 60)) & set(polled.ages_ns)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(late_ms=st.lists(st.one_of(st.just(0), st.integers(0, LONGEST_MS), st.none()), max_size=60))
 def test_whatever_is_late_or_lost_no_sample_is_older_than_12_ms(late_ms: list[int | None]) -> None:
     def late_ns(count: int) -> int | None:

@@ -20,7 +20,7 @@ flags = st.tuples(st.booleans(), st.booleans())
 words = st.integers(-32768, 32767)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=25)
 @given(
     bias=loads,
     values=st.lists(st.tuples(words, words, words, words, words, words), min_size=1, max_size=8),
@@ -46,7 +46,7 @@ def test_a_block_of_any_samples_is_that_of_arrays(
     assert (got.index.tolist()[0], got.gap.tolist()[0]) == (7, True)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=25)
 @given(rows=st.lists(strange, max_size=8), one_axis=st.booleans())
 def test_the_largest_load_of_any_rows_is_that_of_arrays(rows: list[list[float]], one_axis: bool) -> None:
     wrench = np.array(rows).reshape(-1, 6)
@@ -62,7 +62,7 @@ def test_the_largest_load_of_any_rows_is_that_of_arrays(rows: list[list[float]],
     assert _largest(published) == expected
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=25)
 @given(status=st.integers(0, 65535), values=st.tuples(words, words, words, words, words, words))
 def test_two_frames_have_six_gauges_in_order(status: int, values: tuple[int, ...]) -> None:
     first = np.array(values[0::2], ">i2").tobytes()

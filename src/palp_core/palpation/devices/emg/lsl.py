@@ -54,7 +54,7 @@ class LslEmg(EmgDriver):
         check_range("lsl", "gap_s", self.gap_s, 1e-4, 10.0)
         self._receive("lsl", self.rate_hz, self.stale_s)
 
-    def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _LslSession:
+    def _session(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _LslSession:
         return _LslSession(self, line, monitor, host)
 
 

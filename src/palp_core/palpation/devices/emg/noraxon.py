@@ -12,13 +12,12 @@ import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.foreign import catch_foreign, describe_foreign
-from palp_core.palpation.devices.emg.emg_source import EmgDriver, EmgSourceState
+from palp_core.palpation.devices.emg.emg_source import EmgDriver
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 from palp_core.palpation.devices.link.sample_line import SampleLine
-from palp_core.palpation.devices.unverified import warn_unverified
 
 _VOLT = {"uV": 1e-6, "µV": 1e-6, "mV": 1e-3, "V": 1.0}
 _TRIES = 3
@@ -68,12 +67,7 @@ class NoraxonEmg(EmgDriver):
             raise DeviceError(f"noraxon: no unit '{self.units}'; known: {', '.join(_VOLT)}")
         self._receive("noraxon", self.rate_hz, self.stale_s)
 
-    def open(self, now_ns: int, state: EmgSourceState, rng: np.random.Generator) -> None:
-        """Choose the channels and begin to poll."""
-        warn_unverified("noraxon", self.UNVERIFIED, self.verified)
-        super().open(now_ns, state, rng)
-
-    def _connect(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _NoraxonSession:
+    def _session(self, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> _NoraxonSession:
         return _NoraxonSession(self, line, monitor, host)
 
 

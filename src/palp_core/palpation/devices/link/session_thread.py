@@ -1,14 +1,18 @@
-"""A driver's thread: hold a session with the device, and take it up again when it was lost."""
+"""A driver's thread, which holds a session with the device and begins another when it was lost."""
 
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.foreign import catch_foreign, describe_foreign
-from palp_core.palpation.devices.health import Condition, HealthMonitor
+from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
+from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.unverified import warn_unverified
 
 
 class DeviceSession(Protocol):
@@ -86,6 +90,49 @@ class SessionThread:
                 self._stop.wait(self._retry_s)
         if session is not None:
             _close(session)
+
+
+class SessionDriver:
+    """Base of a sensor's driver: a thread holds the session with the device, and connects again by itself.
+
+    A driver calls :meth:`_prepare` in its ``__post_init__``, and defines :meth:`_begin` and :meth:`_connect`.
+    Its state has ``sample_count``, the samples numbered so far.
+    """
+
+    UNVERIFIED: ClassVar[dict[str, str]] = {}
+    verified: tuple[str, ...] = ()
+
+    def _prepare(self, name: str, stale_s: float) -> None:
+        check_range(name, "stale_s", stale_s, 1e-3, 60.0)
+        self._name, self._first = name, 0
+        self._host, self._monitor = HostTime(), HealthMonitor(stale_s)
+        self._receiver = SessionThread(name, self._connect, self._monitor, self._host)
+
+    def _begin(self) -> None:
+        """Forget what was received before; ``_first`` is the number of the next sample."""
+        raise NotImplementedError
+
+    def _connect(self) -> DeviceSession:
+        """Begin a session, the first or another one after a lost link."""
+        raise NotImplementedError
+
+    def open(self, now_ns: int, state: Any, rng: np.random.Generator) -> None:
+        """Connect and begin to receive."""
+        self._receiver.refuse_if_running()
+        self._host.observe(now_ns)
+        warn_unverified(self._name, self.UNVERIFIED, self.verified)
+        self._first = state.sample_count
+        self._begin()
+        self._receiver.start()
+
+    def close(self) -> None:
+        """End the thread and the session."""
+        self._receiver.stop()
+
+    def health(self, now_ns: int) -> DeviceHealth:
+        """Return the present health."""
+        self._host.observe(now_ns)
+        return self._monitor.read(self._host.now_ns())
 
 
 def _close(session: DeviceSession) -> None:

@@ -10,10 +10,8 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
-from palp_core.palpation.devices.link.host_time import HostTime
-from palp_core.palpation.devices.link.session_thread import SessionThread
+from palp_core.palpation.devices.link.session_thread import SessionDriver
 from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque.ati_session import (
     LOST_S,
@@ -23,7 +21,6 @@ from palp_core.palpation.devices.torque.ati_session import (
     SensorCalibration,
     open_bus,
 )
-from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import Float64Array
@@ -45,7 +42,7 @@ class AtiState(msgspec.Struct):
 
 
 @dataclass
-class AtiTorque:
+class AtiTorque(SessionDriver):
     """Parameters and link of the sensor.
 
     The calibration is read from the sensor, never shipped. A request and its replies take 253 to 305 bits: at
@@ -105,29 +102,13 @@ class AtiTorque:
         check_range("ati", "range_n_m", self.range_n_m, 1e-9, 1e3)
         if self.axis not in _COLUMNS or self.sign not in (1, -1):
             raise DeviceError(f"torque: axis '{self.axis}', sign {self.sign}; give x, y or z, and +1 or -1")
-        self._host = HostTime()
-        self._monitor = HealthMonitor(self.stale_s)
+        self._prepare("ati", self.stale_s)
         self._samples: deque[RawSample] = deque()
-        self._receiver = SessionThread("ati", self._connect, self._monitor, self._host)
         self._session: AtiSession | None = None
-        self._first = 0
 
-    def open(self, now_ns: int, state: AtiState, rng: np.random.Generator) -> None:
-        """Connect, choose and read the calibration, and begin to poll."""
-        self._receiver.refuse_if_running()
-        self._host.observe(now_ns)
-        warn_unverified("ati", self.UNVERIFIED, self.verified)
+    def _begin(self) -> None:
         self._samples.clear()
-        self._session, self._first = None, state.sample_count
-        self._receiver.start()
-
-    def close(self) -> None:
-        """End the thread and release the bus."""
-        self._receiver.stop()
-
-    def health(self, now_ns: int) -> DeviceHealth:
-        self._host.observe(now_ns)
-        return self._monitor.read(self._host.now_ns())
+        self._session = None
 
     @property
     def sensor(self) -> SensorCalibration:
