@@ -243,12 +243,11 @@ def test_a_recording_takes_the_place_of_a_live_node(palp: Palp, recorded: tuple[
     bag, launch = recorded
     graph = palp.start("launch", launch / "chain.yaml", "count:=1000000")
     wait_for_line(graph, "blocks: 1/")
-    echo = ("topic", "echo", "/relay/amplified", "--field", "index", "--once", "--csv")
-    while (live := int(palp.run(*echo).stdout)) <= COUNT:
-        pass
+    echo = ("topic", "echo", "/relay/amplified", "--field", "index", "--csv")
+    live = int(palp.run(*echo, "--times", str(COUNT + 2)).stdout.split()[-1])
     done = palp.run("swap", "source", "palp_core.graph.replay.player:Player", f"bag:={bag}", "rate:=0.02")
     assert done.returncode == 0, done.stderr
-    assert int(palp.run(*echo).stdout) < COUNT < live
+    assert int(palp.run(*echo, "--once").stdout) < COUNT < live
 
 
 def test_in_lockstep_a_bag_as_the_source_gives_the_recorded_outputs(

@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from palp_core.graph.bag.edit import rewrite
-from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.writer import BagWriter
 from tests.support.live import ended, recording
 from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
@@ -55,18 +55,37 @@ def test_a_recording_from_the_start_replays_every_output(palp: Palp, whole_bag: 
     assert sink["consumed"] >= 301
 
 
-def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, tmp_path: Path) -> None:
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0")
+def test_recordings_replay_over_changed_parameters_states_and_classes_from_the_start_or_later(
+    palp: Palp, tmp_path: Path
+) -> None:
+    whole, later = tmp_path / "whole", tmp_path / "later"
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0", "--record", whole)
     wait_for_line(graph, "blocks: 1/")
-    recorder = recording(palp, "-a", "-o", tmp_path / "bag")
-    for gain in ("3.0", "0.5"):
-        assert palp.run("param", "set", "relay", "gain", gain).returncode == 0
-    assert palp.run("lifecycle", "set", "relay", "deactivate").returncode == 0
-    assert palp.run("lifecycle", "set", "relay", "activate").returncode == 0
-    ended(recorder)
-    for node in replayed(palp, tmp_path / "bag", "source,relay"):
-        assert node["compared"] > 10
+    recorder = recording(palp, "-a", "-o", later)
+    for words in (
+        ("param", "set", "relay", "gain", "3.0"),
+        ("lifecycle", "set", "relay", "deactivate"),
+        ("lifecycle", "set", "relay", "activate"),
+        ("swap", "relay", "nodes.relay:Relay"),
+        ("swap", "source", "nodes.source:Source"),
+        ("topic", "echo", "/relay/amplified", "--times", "20"),
+    ):
+        done = palp.run(*words)
+        assert done.returncode == 0, done.stderr
+    graph.send_signal(signal.SIGINT)
+    assert "nothing missing" in ended(recorder, None)  # it ends with its graph
+    assert [m.value.kind for m in read(later, ["/graph/events"])][-1] == "ending"
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "nothing missing" in out, errors
+    info = json.loads(palp.run("bag", "info", whole, "--json").stdout)
+    assert info["complete"]
+    assert all(topic["repeated"] == 0 for topic in info["topics"].values())
+    for node in replayed(palp, whole, "source,relay,sink"):
         assert node["divergence"] is None
+        assert node["uncovered"] == 0
+    for node in replayed(palp, later, "source,relay"):
+        assert node["divergence"] is None
+        assert node["compared"] > 10
 
 
 def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:
@@ -117,14 +136,20 @@ def test_a_tampered_recording_gives_the_first_divergence_with_its_inputs(
         assert "differs first on /relay/amplified 42" in printed.stdout
 
 
-def test_a_bag_whose_recorder_was_killed_replays_as_far_as_it_reaches(palp: Palp, tmp_path: Path) -> None:
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", tmp_path / "bag")
-    wait_for_line(graph, "blocks: 1/")
-    while sum(file.stat().st_size for file in (tmp_path / "bag").glob("*.mcap")) < 400_000:
+def test_a_recorder_that_is_killed_does_not_end_the_graph_and_its_bag_replays(
+    palp: Palp, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    graph = palp.start("launch", CHAIN, "count:=1500", "rate_hz:=500.0", "--record", bag)
+    while sum(file.stat().st_size for file in bag.glob("*.mcap")) < 150_000:
         with pytest.raises(subprocess.TimeoutExpired):
             graph.wait(0.02)
     Running(palp).process("recorder").kill()
-    saved = palp.run("bag", "recover", tmp_path / "bag", "-o", tmp_path / "saved")
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "chain ended after" in out
+    assert graph.returncode == 1
+    assert "palp bag recover" in out + errors
+    saved = palp.run("bag", "recover", bag, "-o", tmp_path / "saved")
     assert saved.returncode == 0, saved.stderr
     for node in replayed(palp, tmp_path / "saved", "source,relay,sink"):
         assert node["consumed"] > 100
@@ -151,26 +176,6 @@ def test_the_rig_on_the_wall_clock_replays_byte_for_byte(palp: Palp, tmp_path: P
     for node in replayed(palp, bag, RIG, launch):
         assert node["divergence"] is None
         assert node["compared"] > 0
-        assert node["uncovered"] == 0
-
-
-def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
-    palp: Palp, tmp_path: Path
-) -> None:
-    bag = tmp_path / "bag"
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0", "--record", bag)
-    wait_for_line(graph, "blocks: 1/")
-    for name, run in (("relay", "nodes.relay:Relay"), ("source", "nodes.source:Source")):
-        done = palp.run("swap", name, run)
-        assert done.returncode == 0, done.stderr
-    graph.send_signal(signal.SIGINT)
-    out, errors = graph.communicate(timeout=PATIENCE_S)
-    assert "nothing missing" in out, errors
-    info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
-    assert info["complete"]
-    assert all(topic["repeated"] == 0 for topic in info["topics"].values())
-    for node in replayed(palp, bag, "source,relay,sink"):
-        assert node["divergence"] is None
         assert node["uncovered"] == 0
 
 
