@@ -6,13 +6,19 @@ import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.problems import GraphProblems
+
+TABLE: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text(encoding="utf-8"))
+FILES: dict[str, dict[str, str]] = TABLE["files"]
+"""Launch files with what they include, by name."""
 
 MESSAGES = """
 from palp_core import Message
@@ -140,6 +146,12 @@ class Workspace:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(textwrap.dedent(text).lstrip("\n"), encoding="utf-8")
         return path
+
+    def write_all(self, name: str) -> str:
+        """Write what a launch file of the table includes; return its own text."""
+        for path, text in FILES[name].items():
+            self.write(f"launch/{path}", text)
+        return FILES[name]["graph.yaml"]
 
     def load(self, text: str, *overrides: str) -> CheckedGraph:
         return load(self.write("launch/graph.yaml", text), overrides, inspect_classes)

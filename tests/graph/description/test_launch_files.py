@@ -88,7 +88,7 @@ def test_a_valid_file_becomes_a_whole_graph(workspace: Any) -> None:
     assert belief.ros_text == "int64 stamp_ns  # ns\nfloat64 depth_m  # m\n"
     assert belief.json_schema["title"] == "Belief"
     wanted = Qos(reliability="best_effort", deadline_ms=50.0, depth=3)
-    assert graph.readings["estimator"]["torque"].qos == wanted
+    assert estimator.qos["torque"] == wanted
     assert graph.classes["torque"].doc == "Stream the probe's torque."
 
 
@@ -217,11 +217,11 @@ def test_a_path_counts_from_the_launch_file_the_workspace_and_of_an_argument_fro
         workspace.load(text, "lab:=far.py:Record")
     launch = workspace.root / "launch"
     looked = (
-        f"no file far.py beside this file ({launch}), nor in the workspace ({workspace.root}), nor where you"
+        f"no file far.py next to this file ({launch}), nor in the workspace ({workspace.root}), nor where you"
     )
     assert looked in str(found.value)
     monkeypatch.chdir(away)
     assert workspace.load(text, "lab:=far.py:Record").nodes[1].run == "away.far:Record"
     fixed = text.replace("$(var lab)", "far.py:Record")
-    with pytest.raises(GraphProblems, match=r"no file far\.py beside this file"):
+    with pytest.raises(GraphProblems, match=r"no file far\.py next to this file"):
         workspace.load(fixed)

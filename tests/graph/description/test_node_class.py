@@ -53,6 +53,11 @@ def test_a_file_runs_as_a_module(workspace: Any) -> None:
             "from msgs.touch import *\nfrom palp_core import *\n\nclass Broken(Node):\n    a = Sub(Belief)\n",
             ("nodes/broken.py:4: GraphError", "'a' has no handler"),
         ),
+        (
+            "from msgs.touch import *\nfrom palp_core import *\nclass Broken(Node):\n"
+            "    a = Pub(Belief, qos=Qos(reliability='relible'))\n",
+            ("nodes/broken.py:4: ValueError: qos reliability = 'relible'", "give one of best_effort"),
+        ),
         ("class Broked: ...\n", ("no class 'Broken' in nodes.broken",)),
         ("class Broken: ...\n", ("not a node", "palp_core.Node")),
     ],
@@ -100,22 +105,3 @@ def test_a_function_is_found_or_its_like_is_named(workspace: Any) -> None:
     assert found.error is None
     assert missed.error is not None
     assert "did you mean 'report'?" in missed.error
-
-
-def test_a_mistake_in_a_quality_of_service_names_its_port(workspace: Any) -> None:
-    text = """
-    from msgs.touch import Belief
-    from palp_core import Node, Pub, Qos
-
-    class Loud(Node):
-        belief = Pub(
-            Belief,
-            qos=Qos(reliability="relible"),
-        )
-    """
-    workspace.write("nodes/loud.py", text)
-    error = ask(workspace, "nodes.loud:Loud").error
-    assert error == (
-        "nodes/loud.py:7: port Loud.belief: ValueError: qos reliability = 'relible': "
-        "give one of best_effort, reliable"
-    )

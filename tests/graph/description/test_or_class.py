@@ -111,10 +111,8 @@ def test_inputs_that_it_lacks_are_left_away_and_outputs_that_only_optional_input
     assert policy_of(graph).inputs == {}
     assert graph.unpublished == {"/policy/command": ["/estimator/hint"]}
     (kept,) = policy_of(graph).vacant
-    assert (
-        kept == "/policy/command" == graph.readings["estimator"]["hint"].topic
-    )  # for a class that comes later
-    text = "nobody publishes /policy/command (for /estimator/hint): no input needs it"
+    assert kept == "/policy/command" == graph.nodes[1].inputs["hint"]  # for a class that comes later
+    text = "no publisher of /policy/command (for /estimator/hint): optional, stays unconnected"
     assert unpublished_words(graph.unpublished) == text
 
 
@@ -130,7 +128,7 @@ def test_an_output_that_is_needed_and_an_input_of_its_own_without_a_wire_are_tol
 
 
 MUST = "is given as 'fxed'; it must be one of 'fixed', 'markov', or a class, as in my_file.py:Mine"
-PLACES = "beside this file ({here}/launch), nor in the workspace ({here}), nor where you are ({beside})"
+PLACES = "next to this file ({here}/launch), nor in the workspace ({here}), nor where you are ({beside})"
 
 
 @pytest.mark.parametrize(
@@ -191,5 +189,5 @@ def test_what_is_left_away_stays_away_when_the_resolved_file_is_loaded(here: Any
 
     graph = here.load(FILE, "policy:=my.py:Silent")
     again = load(here.write("again.yaml", resolved_yaml(graph)), (), inspect_classes)
-    assert "hint" not in again.readings["estimator"]
+    assert "hint" not in again.nodes[1].inputs
     assert policy_of(again) == msgspec.structs.replace(policy_of(graph), vacant={})

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from palp_core.graph.description.check import load
 from palp_core.graph.description.node_class import inspect_classes
@@ -17,6 +18,7 @@ from palp_core.graph.node.params import ParamDescription, describe_params
 from palp_core.graph.problems import GraphProblems
 
 ROOT = Path(__file__).parents[3]
+TABLE = yaml.safe_load(Path(__file__).with_name("rig_mistakes.yaml").read_text(encoding="utf-8"))
 LAUNCH = ROOT / "launch"
 SHARED = ("parts/experiment.yaml", "parts/devices.yaml")  # of rig.yaml and emulated.yaml
 PLACES = {"from_m", "to_m", "indentation_mm"}  # what lies on an axis; all else is a size, a rate or a count
@@ -35,22 +37,11 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
     return [(lines[p.file][p.line - 1][p.column - 1 :], p.message) for p in problems]
 
 
-@pytest.mark.parametrize(
-    ("name", "argument", "nodes"),
-    [
-        ("sim", "shared.height_sd_mm:=-1.0", ["Information", "Phantom", "Estimator"]),
-        ("sim", "shared.height_sd_mm:=101.0", ["Phantom"]),
-        ("emulated", "shared.height_sd_mm:=101.0", ["EmulatedPhantom"]),
-        ("sim", "training:=-1", ["Experiment", "Information", "Estimator"]),
-        ("emulated", "shared.height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
-        ("rig", "shared.lift_mm:=-5.0", ["Safety", "RigStage"]),
-        ("rig", "shared.beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
-        ("rig", "shared.range_n_mm:=0.0", ["Safety", "RigTorque"]),
-    ],
-)
+@pytest.mark.parametrize("row", TABLE["out of range"])
 def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_takes_it(
-    name: str, argument: str, nodes: list[str]
+    row: list[str],
 ) -> None:
+    name, argument, *nodes = row
     variable = argument.partition(":=")[0].rpartition(".")[2]
     mistakes = found(LAUNCH / f"{name}.yaml", argument)
     named = [one for _, message in mistakes for one in re.findall(r"' \((\w+)\)", message)]
@@ -64,46 +55,7 @@ def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_t
         assert "give" in message
 
 
-@pytest.mark.parametrize(
-    ("arguments", "place", "words"),
-    [
-        (
-            ["shared.lift_mm:=4.4"],
-            "lift_mm: 20.0",
-            "enters by 4 mm where it scans; raise it by at least 4.5 mm",
-        ),
-        (["shared.lift_mm:=6.0", "scene:=DEEP"], "lift_mm: 20.0", "enters by 6 mm where it scans; raise it"),
-        (["shared.range_n_mm:=90.0"], "stop_n_mm: 100.0", "can never trip; lower it, or state the range"),
-        (["shared.range_n:=9.0"], "stop_n: 10.0", "stop_force_n = 10 is above the sensor's range of 9"),
-        (["answer_s:=-1.0"], "stage: {url:", "stage: stale_s = -1 must lie in [0.001, 600]"),
-        (["answer_s:=-1.0"], "actuator: {url:", "ring: stale_s = -1 must lie in [0.001, 60]"),
-        (["shared.to_m:=-0.03"], "to_m: 0.05", "both -0.03 m: a sweep needs a length"),
-        (["training:=0"], "nodes.experiment:Experiment", "trials have nothing to compare with"),
-        (["swaps:=3"], "swaps: $(var", "is not TRIAL=MODULE:CLASS"),
-        (["swaps:=3=nodes.policy_x:Y"], "swaps: $(var", "nodes.policy_x:Y: no module 'nodes.policy_x'"),
-        (["swaps:=3=nodes.policy_emg:Amg"], "swaps: $(var", "no class 'Amg' in nodes.policy_emg"),
-        (["policy:=fixed", "policy.ring_mm:=13.0"], "graph: rig", "ring position 13 mm is not trained"),
-        (
-            ["rings_mm:=0,16"],
-            "nodes.policy_markov:Markov",
-            "(Markov): ring position 4, 8, 12 mm is not trained",
-        ),
-        (["rings_mm:=0,x"], "trained_mm: $(var", "'x' is no ring position in mm; write 0, 4, 8, 12, 16"),
-        (
-            ["shared.filter:=latent", "shared.likelihood:=student_t"],
-            "likelihood: normal",
-            "'latent' needs 'normal'",
-        ),
-        (
-            ["shared.filter:=latent", "rings_mm:=16"],
-            "filter: naive",
-            "'latent' needs two trained ring positions",
-        ),
-        (["shared.stop:=fixed_number", "shared.stop_value:=20.0"], "stop: paper_guarded", "max_probes is 15"),
-        (["noise:=nowhere.yaml"], "noise: $(var", "cannot read the noise file"),
-        (["shared.chain:=nowhere.yaml"], "chain: ", "cannot read the chain"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "place", "words"), TABLE["contradictions"])
 def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
     arguments: list[str], place: str, words: str, tmp_path: Path
 ) -> None:
@@ -145,32 +97,7 @@ def test_other_positions_may_be_trained_where_the_policy_asks_for_no_others(chos
     assert load(LAUNCH / "sim.yaml", ["rings_mm:=0, 16", *chosen], inspect_classes).nodes
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("rate_hz: 1000.0", "rate_hz: -5", "parameter 'rate_hz' does not fit: Expected `float` >= 0.001"),
-        ("block_samples: 50", "block_samples: 0", "Expected `int` >= 1; give int of at least 1"),
-        ("sweep_speed_m_s: 0.020", "sweep_speed_m_s: 0.0", "Expected `float` >= 1e-06"),
-        ("stop_n_mm: 100.0", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never"),
-        ("stop_n: 10.0", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
-        ("stop_link)}", "stop_link), warn_n: 11.0}", "warn_force_n = 11 must lie in [0, 10]"),
-        ("device: ati", "device: ait", "no torque device 'ait'; known: ati, sim"),
-        ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
-        ("channel: can0", "range_n_m: 0.5", "set range_n_mm in its place"),
-        ('url: "socket', 'lift_m: 0.003, url: "socket', "lift_m: the node's own parameters say this"),
-        ("stop_link)}", "stop_link), margin_mm: 3.0}", "is 3.0 in node 'safety' and 4.0 in node 'stage'"),
-        ("actuator)}", "actuator), beat_ms: 60.0}", "is 50.0 in node 'safety' and 60.0 in node 'actuator'"),
-        ("stop_link)}", "stop_link), range_n_mm: 110.0}", "is 110.0 in node 'safety' and 120.0"),
-        (
-            "{device: $(var stage_device), options: $(var stage), stop",
-            "{device: palp_core.palpation.devices.stage.aerotech:AerotechStage, options: $(var stage), stop",
-            "AerotechStage' in node 'safety' and 'aerotech' in node 'stage'; give both the same",
-        ),
-        ("stop_link: socket://192.168.1.10:8001", 'stop_link: ""', "the stage's second link, or none"),
-        ("$(var reading)}", "$(var reading), level: 0}", "Expected `int` >= 1"),
-        ("$(var reading)}", "$(var reading), wavelet: db1000}", "db1000"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), TABLE["lines"])
 def test_a_line_of_the_launch_file_that_cannot_be_is_a_mistake_at_that_line(
     old: str, new: str, words: str, tmp_path: Path
 ) -> None:

@@ -9,26 +9,9 @@ import pytest
 
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.resolver import resolve
+from tests.graph.description.conftest import FILES
 
-FILE = """
-    graph: g
-    clock: sim
-    args:
-      speed: {default: usual, choices: [usual, fast], sets: {fast: {rate_hz: 2000.0}}}
-      level: {default: 3}
-      policy: {default: fixed, choices: [fixed, markov]}
-    shared: {rate_hz: 100.0, level: $(var level), order: 2}
-    nodes:
-      torque: {run: nodes.torque:TorqueSensor}
-      other: {run: nodes.torque:TorqueSensor, params: {rate_hz: 50.0, samples: 5}}
-      estimator:
-        run: nodes.estimator:Estimator
-        params: {gain: 1.0}
-        inputs: {torque: torque/torque, tare: torque/tare}
-      policy:
-        run: {select: $(var policy), fixed: nodes.policy_fixed:Fixed, markov: nodes.policy_markov:Markov}
-        inputs: {belief: estimator/belief}
-"""
+FILE = FILES["shared parameters"]["graph.yaml"]
 
 
 def params(graph: CheckedGraph) -> dict[str, dict[str, Any]]:
@@ -62,36 +45,6 @@ def test_the_command_line_goes_before_the_file(
     workspace: Any, words: list[str], node: str, name: str, value: Any
 ) -> None:
     assert params(workspace.load(FILE, *words))[node][name] == value
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words", "expected"),
-    [
-        ("rate_hz: 100.0", "rate_hz: fast", [], "7:10: node 'torque' (TorqueSensor): parameter 'rate_hz'"),
-        ("order: 2", "oder: 2", [], "7:47: no node has the shared parameter 'oder'; did you mean 'order'?"),
-        ("shared: {", "shared: [", [], "7:"),
-        ("{rate_hz: 2000.0}", "{rate: 1}", [], "4:65: sets of argument 'speed': 'rate' is no argument or sh"),
-        ("", "", ["torqe.rate_hz:=1"], "no node 'torqe' on the command line; did you mean 'torque'?"),
-        ("", "", ["torque.rate:=1"], "node 'torque' (TorqueSensor): there is no parameter 'rate'; did you "),
-        ("", "", ["torque.rate_hz:=fast"], "parameter 'rate_hz' does not fit: Expected `float`, got `str`"),
-        (
-            "",
-            "",
-            ["shared.rate:=1"],
-            "no shared parameter 'rate' on the command line; did you mean",
-        ),
-        ("", "", ["torque.rate_hz:=[1"], "'torque.rate_hz:=[1' on the command line: not valid YAML"),
-        ("", "", ["torque.rate_hz:=&a [*a]"], "'torque.rate_hz:=&a [*a]' on the command line: "),
-        ("", "", [f"torque.rate_hz:={10**30}"], "on the command line: "),
-        ("", "", [f"torque.rate_hz:=[{10**30}]"], "on the command line: "),
-        ("", "", ["torque.:=1"], "'torque.:=1' on the command line is no parameter; write node.parameter:=v"),
-    ],
-)
-def test_a_mistake_is_told_where_it_is(
-    workspace: Any, old: str, new: str, words: list[str], expected: str
-) -> None:
-    found = workspace.mistakes(FILE.replace(old, new, 1) if old else FILE, *words)
-    assert any(expected in one for one in found), found
 
 
 PART = """

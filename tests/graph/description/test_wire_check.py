@@ -26,7 +26,7 @@ MISFITS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "a field less": (
         {"type_hash": "1", "ros_text": "int64 stamp_ns\n"},
-        "with 'float64 force_n' besides",
+        "with 'float64 force_n', too",
     ),
     "a field more": (
         {"type_hash": "1", "ros_text": "int64 stamp_ns\nfloat64 force_n\nbool ok\n"},

@@ -35,7 +35,6 @@ def read_arguments(file: SourceFile) -> dict[str, Argument]:
 
 
 def _sets_of(entry: Entry) -> Tree | None:
-    """Return what an argument's values set, as it stands."""
     sets = entry.value.items.get("sets") if isinstance(entry.value, Mapping) else None
     return None if sets is None else sets.value
 

@@ -17,7 +17,7 @@ KINDS: Mapping[type, str] = {
 
 
 class Given(NamedTuple):
-    """A value for an argument: where it stands, None for the command line, and there as typed."""
+    """A value for an argument: its place, None for the command line, and there as typed."""
 
     value: Any
     mark: Mark | None = None
@@ -26,11 +26,7 @@ class Given(NamedTuple):
 
 @dataclass(frozen=True)
 class Argument:
-    """One declared argument.
-
-    Attributes:
-        sets: By its value, what it sets of other arguments and of shared parameters of its file.
-    """
+    """One declared argument."""
 
     name: str
     mark: Mark
@@ -38,7 +34,7 @@ class Argument:
     choices: tuple[Any, ...] = ()
     help: str = ""
     sound: bool = True
-    sets: Mapping[str, Mapping[str, Given]] = field(default_factory=dict)
+    sets: Mapping[str, Mapping[str, Given]] = field(default_factory=dict)  # by its value, by name
     or_class: bool = False
 
     @property
@@ -48,12 +44,12 @@ class Argument:
 
     @property
     def kind(self) -> type | None:
-        """Type of its values, or None when neither default nor choices tell."""
+        """Type of its values, or None when neither default nor choices show it."""
         example = self.default if self.default is not UNKNOWN else next(iter(self.choices), UNKNOWN)
         return None if example is UNKNOWN else type(example)
 
     def names_class(self, value: object) -> bool:
-        """Tell whether a value is a class of the caller's own, in place of a choice."""
+        """Return whether a value is a class of the caller's own, in place of a choice."""
         return self.or_class and isinstance(value, str) and RUN.fullmatch(value) is not None
 
     def fit(self, given: Given, problems: Problems) -> Any:

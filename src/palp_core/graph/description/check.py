@@ -28,10 +28,7 @@ _SOURCE = re.compile(r"\S+\.py:\d+: |\w+ is not installed; ")
 def load(
     path: Path, overrides: Sequence[str], inspect: InspectFunction, succeed: SucceedFunction | None = None
 ) -> CheckedGraph:
-    """Read and check a launch file, by :func:`.inspect_classes` where workspace modules may be imported.
-
-    With ``succeed``, which judges a class in a node's place, classes that are to take over later are, too.
-    """
+    """Read and check a launch file; with ``succeed`` also the classes that are to take over later."""
     return check(resolve(path, overrides), inspect, succeed)
 
 
@@ -110,7 +107,7 @@ def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: P
         if name not in here:
             problems.add(mark, f"checkpoint: no node '{name}' on this host{hint(name, here)}")
         elif name not in concerned:
-            text = f"node '{name}' neither publishes nor reads {keys.after}, and cannot tell when it is due"
+            text = f"node '{name}' neither publishes nor reads {keys.after}, and does not know when it is due"
             problems.add(mark, f"checkpoint: {text}")
     problems.raise_any()
     if checked.clock == "sim":  # a run in simulated time is run again
@@ -202,7 +199,7 @@ class _ParamMistakes:
 def _check_class(
     reader: GraphNode, problems: Problems, reported: set[str], wrong: _ParamMistakes, *, is_variant: bool
 ) -> None:
-    """Check one node against its class; what is wrong in a source, or in all branches, is said once."""
+    """Check one node against its class; what is wrong in a source, or in all branches, is reported once."""
     if reader.declared.error is not None:
         if _SOURCE.match(reader.declared.error):
             if reader.declared.error in reported:

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import yaml
 
+from palp_core.graph.description.launch_file import Wire
 from palp_core.graph.description.launch_keys import CheckpointKeys
 from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.topic import MessageType, Topic
-from palp_core.graph.node.spec import RECORDER, NodeSpec, action_of, topic
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.spec import RECORDER, NodeSpec, topic
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """What a topic carries.
-
-    Attributes:
-        qos: What the publisher offers; as a reader wants it, what that requests.
-    """
+    """What a topic carries, as its publisher offers it or a reader requests it."""
 
     node: str
     port: str
@@ -31,12 +28,9 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     qos: Qos = Qos()
 
     @classmethod
-    def of(cls, node: str, port: NodePort, *, reply: bool = False, qos: Qos | None = None) -> TopicInfo:
-        return cls.carrying(port.types[1 if reply else 0], node, port, qos)
-
-    @classmethod
-    def carrying(cls, kind: MessageType, node: str, port: NodePort, qos: Qos | None = None) -> TopicInfo:
-        """Return what one of a port's types is, as a topic of its own."""
+    def of(cls, node: str, port: NodePort, at: int = 0, *, qos: Qos | None = None) -> TopicInfo:
+        """Return the topic with one of a port's types: of a service 0 is the request, 1 the reply."""
+        kind = port.types[at]
         return cls(
             node=node, port=port.name, qos=port.qos if qos is None else qos, type=kind.name,
             type_hash=kind.type_hash, ros_text=kind.ros_text, json_schema=kind.json_schema,
@@ -50,34 +44,13 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         )  # fmt: skip
 
 
-class Reading(msgspec.Struct, frozen=True, kw_only=True):
-    """One wired input.
-
-    Attributes:
-        topic: What it reads; for a client, the service's topic.
-        stated: The part of ``qos`` that the launch file states.
-        action: What the supervisor does when the edge breaks its promise.
-        external: The messages come from outside the graph, on a topic of the reader's.
-        dispensable: The topic's publisher may be replaced by a class that does not publish it.
-        same: Parameters that must have the same value in the topic's publisher, if that has them.
-    """
-
-    topic: str
-    qos: Qos = Qos()
-    stated: dict[str, Any] = {}
-    action: str = "warn"
-    external: bool = False
-    dispensable: bool = False
-    same: tuple[str, ...] = ()
-
-
 class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     """A launch file whose every part has been checked.
 
     Attributes:
-        nodes: Nodes in the file's order, those of an included file where ``include`` stands.
+        nodes: Nodes in the file's order, those of an included file in place of its ``include``.
         recorders: In lockstep, entries of the file that record the graph; on the wall clock they are nodes.
-        readings: Wired inputs by node and port.
+        wires: Of each node what its inputs read, as the launch file states it.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
@@ -90,7 +63,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     args: dict[str, Any]
     nodes: list[NodeSpec]
-    readings: dict[str, dict[str, Reading]]
+    wires: dict[str, dict[str, Wire]]
     edges: dict[str, list[list[str]]]
     topics: dict[str, TopicInfo]
     classes: dict[str, NodeClass] = {}
@@ -119,13 +92,12 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def listens(self) -> dict[str, list[str]]:
-        return {
-            node: sorted({wire.topic for wire in wires.values()}) for node, wires in self.readings.items()
-        }
+        specs = {spec.name: spec for spec in (*self.nodes, *self.recorders)}
+        return {name: sorted({*specs[name].inputs.values()}) for name in self.wires}
 
     @property
     def unpublished(self) -> dict[str, list[str]]:
-        """Topics that nobody publishes, with the optional inputs that are wired to them."""
+        """Topics without a publisher, with the optional inputs that are wired to them."""
         vacant = (name for spec in self.nodes for name in spec.vacant)
         return {name: [topic(node, port) for node, port in self.edges[name]] for name in vacant}
 
@@ -152,7 +124,7 @@ def recorders_apart(graph: CheckedGraph) -> CheckedGraph:
 
 
 def without_effect(graph: CheckedGraph) -> str:
-    """Return what the launch file asks for and simulated time does not do, in words; "" if there is none."""
+    """Return what the launch file asks for and simulated time ignores, as a note; "" if there is none."""
     if graph.clock != "sim":
         return ""
     keys = {
@@ -169,9 +141,9 @@ def without_effect(graph: CheckedGraph) -> str:
 
 
 def unpublished_words(unpublished: Mapping[str, list[str]]) -> str:
-    """Return which outputs nobody publishes, and whose optional inputs stay without; "" if all are there."""
+    """Return which topics have no publisher, and whose optional inputs they are for; "" if all have one."""
     listed = (f"{name} (for {', '.join(inputs)})" for name, inputs in unpublished.items())
-    return f"nobody publishes {', '.join(listed)}: no input needs it" if unpublished else ""
+    return f"no publisher of {', '.join(listed)}: optional, stays unconnected" if unpublished else ""
 
 
 def resolved_yaml(graph: CheckedGraph) -> str:
@@ -180,61 +152,47 @@ def resolved_yaml(graph: CheckedGraph) -> str:
     Loading it again gives the same nodes and wires.
     """
     given = "".join(f" {name}:={_show(value)}" for name, value in graph.args.items())
-    tree: dict[str, Any] = {"graph": graph.graph, "clock": graph.clock, "seed": graph.seed, "nodes": {}}
-    for spec in (*graph.nodes, *graph.recorders):
-        node: dict[str, Any] = {"run": spec.run}
-        if spec.params:
-            node["params"] = spec.params
-        if spec.inputs:
-            node["inputs"] = _wires(graph.readings[spec.name], graph.unpublished)
-        if spec.restart != "never":
-            rule = {"when": spec.restart, "max_restarts": spec.max_restarts, "backoff_s": spec.backoff_s}
-            node["restart"] = rule
-        if spec.shutdown_on_exit:
-            node["on_exit"] = "shutdown"
-        if spec.cpus:
-            node["cpus"] = spec.cpus
-        if spec.joined:
-            node["joined"] = True
-        if spec.realtime_priority:
-            node["realtime_priority"] = spec.realtime_priority
-        if spec.output != "log":
-            node["output"] = spec.output
-        tree["nodes"][spec.name] = node
-    if graph.report:
-        tree["report"] = graph.report
-    if graph.listen:
-        tree["listen"] = graph.listen
-    if graph.view:
-        tree["view"] = graph.view
-    if (kept := graph.checkpoint) is not None:
-        tree["checkpoint"] = msgspec.to_builtins(kept)
+    nodes = {spec.name: _node(spec, graph) for spec in (*graph.nodes, *graph.recorders)}
+    tree = {"graph": graph.graph, "clock": graph.clock, "seed": graph.seed, "nodes": nodes} | _stated(
+        report=graph.report,
+        listen=graph.listen,
+        view=graph.view,
+        checkpoint=msgspec.to_builtins(graph.checkpoint),
+    )
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )
     return f"# {graph.file}{given}\n{text}"
 
 
-def _wires(readings: dict[str, Reading], unpublished: Collection[str]) -> dict[str, Any]:
-    """Return the wires of a node, but those that bring nothing; those of an action are one."""
-    found = {}
-    for port, reading in readings.items():
-        if reading.topic in unpublished:
-            continue
-        if action := action_of(port):
-            found[action] = action_of(reading.topic).removeprefix("/")
-        else:
-            found[port] = _wire(reading)
-    return found
+def _node(spec: NodeSpec, graph: CheckedGraph) -> dict[str, Any]:
+    rule = {"when": spec.restart, "max_restarts": spec.max_restarts, "backoff_s": spec.backoff_s}
+    return {"run": spec.run} | _stated(
+        params=spec.params,
+        inputs={
+            port: _shown(wire)
+            for port, wire in graph.wires.get(spec.name, {}).items()
+            if topic(wire.node, wire.port) not in graph.unpublished
+        },
+        restart=rule if spec.restart != "never" else None,
+        on_exit="shutdown" if spec.shutdown_on_exit else "",
+        cpus=spec.cpus,
+        joined=spec.joined,
+        realtime_priority=spec.realtime_priority,
+        output=spec.output if spec.output != "log" else "",
+    )
 
 
-def _wire(reading: Reading) -> Any:
-    source = reading.topic.removeprefix("/")
-    more = dict(reading.stated)
-    if reading.action != "warn":
-        more["on_event"] = reading.action
-    if reading.external:
+def _stated(**values: Any) -> dict[str, Any]:
+    """Return what is not as where the file says nothing."""
+    return {name: value for name, value in values.items() if value}
+
+
+def _shown(wire: Wire) -> Any:
+    more = wire.stated | ({"on_event": wire.action} if wire.action != "warn" else {})
+    if wire.external:
         return {"external": True, **more}
+    source = f"{wire.node}/{wire.port}"
     return {"from": source, **more} if more else source
 
 

@@ -29,20 +29,18 @@ class Located:
     argument: str = ""
 
 
-@dataclass(frozen=True)
-class InputEntry:
-    """One wire, from the reader's side.
+class Wire(msgspec.Struct, frozen=True):
+    """An input as the launch file states it: what it reads, and what it asks for.
 
     Attributes:
+        node: What it reads is this node's ``port``; "" where the messages come from outside the graph.
         action: What the supervisor does when the edge breaks its promise: ``warn``, ``restart``,
             ``shutdown``.
     """
 
-    mark: Mark
-    source_mark: Mark
     node: str
     port: str
-    stated: dict[str, Any]
+    stated: dict[str, Any] = {}
     action: str = "warn"
     external: bool = False
 
@@ -56,6 +54,7 @@ class GraphNode:
     """One node of a launch file, with its arguments filled in.
 
     Attributes:
+        places: Of each input the place of its name, and of what it reads.
         params: Parameters given, each with its place and the argument or shared parameter that it is.
         offered: Parameters that count only if its class has them.
         own: Its class is the caller's, named in place of a choice.
@@ -65,7 +64,8 @@ class GraphNode:
     spec: NodeSpec
     mark: Mark
     run_mark: Mark
-    inputs: dict[str, InputEntry]
+    inputs: dict[str, Wire]
+    places: Mapping[str, tuple[Mark, Mark]] = field(default_factory=dict)
     params: dict[str, Located] = field(default_factory=dict)
     offered: frozenset[str] = frozenset()
     selected: bool = False
@@ -91,7 +91,8 @@ class GraphNode:
     def renamed(self, names: Mapping[str, str]) -> GraphNode:
         """Return the node, and the wires from others, with new names of nodes."""
         wires = {
-            port: replace(wire, node=names.get(wire.node, wire.node)) for port, wire in self.inputs.items()
+            port: msgspec.structs.replace(wire, node=names.get(wire.node, wire.node))
+            for port, wire in self.inputs.items()
         }
         name = names.get(self.spec.name, self.spec.name)
         return replace(self, spec=msgspec.structs.replace(self.spec, name=name), inputs=wires)
@@ -101,8 +102,12 @@ class GraphNode:
         own = self.declared.ports.items()
         return {name: port for name, port in own if port.kind in kinds and not action_of(name)}
 
+    def place_of(self, name: str) -> Mark:
+        """Return the place of what an input reads."""
+        return self.places[name][1] if name in self.places else self.mark
+
     @property
-    def wires(self) -> dict[str, InputEntry]:
+    def wires(self) -> dict[str, Wire]:
         """Wires by port, that of an action as one for each of its parts."""
         found = {}
         for name, wire in self.inputs.items():
@@ -111,7 +116,7 @@ class GraphNode:
                 found[name] = wire
                 continue
             for own in (own for own in self.declared.ports if action_of(own) == name):
-                found[own] = replace(wire, port=wire.port + own.removeprefix(name))
+                found[own] = msgspec.structs.replace(wire, port=wire.port + own.removeprefix(name))
         return found
 
 
@@ -120,7 +125,7 @@ class LaunchFile:
     """A launch file and what it includes.
 
     Attributes:
-        nodes: By name, in the file's order; those of an included file where ``include`` stands.
+        nodes: By name, in the file's order; those of an included file in place of its ``include``.
         variants: The same with each other branch of each selection.
         shared: Shared parameters by name, but those of namespaces.
         unread: Nodes of which it is not known what they run, after a mistake.

@@ -134,7 +134,7 @@ class RestartKeys(Keys):
         int,
         Meta(ge=0, le=1_000_000),
         _key(
-            "How often at most; 30 s of work without a failure, and the count begins anew. The failure "
+            "How often at most; 30 s of work without a failure, and the count begins again. The failure "
             "after the last restart ends the run, as one without `restart` does."
         ),
     ] = _UNSTATED.max_restarts
@@ -153,7 +153,7 @@ _QOS_SAYS = {
         "With `keep_all`, the longest such wait in ms; then `publish()` raises. "
         f"0: {MAX_BLOCKING_MS:g} ms where the publisher states none either."
     ),
-    "depth": "Messages that are kept for whoever missed them; a `best_effort` reader holds no more unread.",
+    "depth": "Messages kept for readers that missed them; a `best_effort` reader holds no more unread.",
     "deadline_ms": "Longest time between two messages in ms; 0: none stated.",
     "lifespan_ms": "A message older than this, in ms, is not handed over; 0: none stated.",
     "liveliness": "Who asserts that the publisher lives: its process; with `manual_by_topic` each message.",
@@ -229,7 +229,7 @@ class NodeKeys(Keys):
     restart: Annotated[
         Restart | RestartKeys,
         _key(
-            "What happens when its process fails once it was at work: a handler raises, the process dies or "
+            "What happens when its process fails once it was active: a handler raises, the process dies or "
             "answers no more. A node that finishes has not failed. The next process begins with a new "
             "state; its inputs go on where the last one was, as far as their publishers keep what came "
             "meanwhile (`depth`). On the wall clock.",
@@ -351,7 +351,7 @@ SECTIONS: Mapping[str, type[Keys]] = {
 """Keys by the place in a file; a title is the first line of their docstring."""
 
 SUBSTITUTIONS: Mapping[str, str] = {
-    "var": "`$(var name)`: the value of an argument, with its type where nothing else stands beside it.",
+    "var": "`$(var name)`: the value of an argument, with its type where it is the whole value.",
     "env": "`$(env NAME default)`: an environment variable; without a default it must be set.",
     "dirname": "`$(dirname)`: the folder of this file.",
     "filename": "`$(filename)`: this file.",
@@ -410,7 +410,7 @@ def _with_substitutions(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def meta_of(kind: Any) -> dict[str, Any]:
-    """Return what the annotations of a key's type say beside its description."""
+    """Return what the annotations of a key's type say in addition to its description."""
     found: dict[str, Any] = {}
     for meta in getattr(kind, "__metadata__", ()):
         found |= meta.extra or {}

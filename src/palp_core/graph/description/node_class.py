@@ -4,7 +4,6 @@ The launcher never imports a workspace's modules: a child runs :func:`inspect_cl
 answer. What is wrong with a module is part of that, with the line of its source, and never an exception.
 """
 
-import ast
 import contextlib
 import importlib
 import importlib.util
@@ -21,7 +20,7 @@ import msgspec
 
 from palp_core.errors import BagError, GraphError
 from palp_core.extras import advice
-from palp_core.graph.messages.qos import QOS_MISTAKE, Qos
+from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import MessageType
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
@@ -106,10 +105,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def inspect_classes(requests: Sequence[NodeClassRequest], workspace: Path) -> list[NodeClass]:
-    """Describe node classes, with the workspace first on the module path.
-
-    What modules print while they are imported goes to standard error.
-    """
+    """Describe node classes; what modules print while they are imported goes to standard error."""
     return list(inspected(requests, workspace))
 
 
@@ -265,26 +261,11 @@ def _located(error: BaseException, workspace: Path) -> str:
         text = f"SyntaxError: {error.msg}"
         return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
     if isinstance(error, ModuleNotFoundError) and (installs := advice(error)):
-        return installs  # without the place, so that it is said once for all nodes
+        return installs  # without the place, so that it is reported once for all nodes
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_within(frame.filename, workspace)]
     place = (own or frames)[-1]
-    if str(error).startswith(QOS_MISTAKE) and (port := _port_at(place.filename, place.lineno or 0)):
-        text = f"port {port}: {text}"
     return f"{_short(place.filename, workspace)}:{place.lineno}: {text}"
-
-
-def _port_at(file: str, line: int) -> str:
-    """Return the Class.port whose value a line of a class's body is part of; "" if there is none."""
-    try:
-        tree = ast.parse(Path(file).read_bytes())
-    except (OSError, SyntaxError, ValueError):
-        return ""
-    for body in (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
-        for entry in body.body:
-            if entry.lineno <= line <= (entry.end_lineno or 0) and isinstance(entry, ast.Assign):
-                return f"{body.name}.{ast.unparse(entry.targets[0])}"
-    return ""
 
 
 def _is_within(file: str, workspace: Path) -> bool:
@@ -299,10 +280,7 @@ def _short(file: str, workspace: Path) -> str:
 
 
 def param_errors(node: Declaration, given: Mapping[str, Any]) -> dict[str, str]:
-    """Return what is wrong with given parameters: the first mistake of each, by name.
-
-    What concerns a missing parameter is under its name; what concerns several together is under "".
-    """
+    """Return the first mistake of each parameter, also of a missing one, by name; "" for several together."""
     kinds = typing.get_type_hints(node.params, include_extras=True)
     declared = describe_params(node.params)
     errors = {}

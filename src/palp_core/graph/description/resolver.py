@@ -13,9 +13,9 @@ from palp_core.graph.description.argument_reader import read_arguments
 from palp_core.graph.description.arguments import branch_name, read_overrides, refuse_unknown
 from palp_core.graph.description.launch_file import (
     GraphNode,
-    InputEntry,
     LaunchFile,
     Located,
+    Wire,
     find_overlay,
     find_workspace,
 )
@@ -97,11 +97,7 @@ class _Word(NamedTuple):
 
 
 class _Resolver:
-    """Resolves a launch file once.
-
-    Attributes:
-        branches: By the origin of an argument that selects, its values that pick another branch.
-    """
+    """Resolves a launch file once."""
 
     def __init__(
         self, trees: _Trees, workspace: Path, environ: Lookup[str, str], now: str, forced: Lookup[str, Any]
@@ -109,7 +105,7 @@ class _Resolver:
         self._trees, self._workspace, self._forced = trees, workspace, forced
         self._problems = Problems()
         self._given = self._problems, environ, now, forced
-        self.branches: dict[str, list[Any]] = {}
+        self.branches: dict[str, list[Any]] = {}  # by an argument's origin, its values that pick others
         self.unused: list[Problem] = []
         self._nodes: dict[str, GraphNode] = {}
         self._marks: dict[str, Mark] = {}
@@ -387,7 +383,7 @@ class _Resolver:
                 own = own or (key == "run" and picked[1])
         run = self._run(reader, file, what, trees["run"]) if "run" in trees else None
         given = self._located(reader, file, trees["params"], f"params of {what}") if "params" in trees else {}
-        inputs = self._inputs(reader, what, trees["inputs"]) if "inputs" in trees else {}
+        inputs, places = self._inputs(reader, what, trees["inputs"]) if "inputs" in trees else ({}, {})
         read = {
             key: reader.key(NodeKeys, key, items[key].value, what) for key in items if key not in _SELECTABLE
         }
@@ -411,6 +407,7 @@ class _Resolver:
             mark=entry.mark,
             run_mark=run.mark,
             inputs=inputs,
+            places=places,
             selected=any(key in items and _selects(items[key].value) for key in _SELECTABLE),
             own=own,
             complete=reader.complete and len(self._problems) == before,
@@ -439,8 +436,8 @@ class _Resolver:
         return Located(f"{path}:{name}", tree.mark)
 
     def _path(self, reader: TreeReader, file: SourceFile, what: str, path: str, tree: Tree) -> Path | None:
-        """Return the file that a path means: beside the launch file, in the workspace, or where one types."""
-        places = {file.path.parent.resolve(): "beside this file", self._workspace: "in the workspace"}
+        """Return the file that a path means: next to the launch file, in the workspace, or where you are."""
+        places = {file.path.parent.resolve(): "next to this file", self._workspace: "in the workspace"}
         if sole_variable(tree) is not None:
             places.setdefault(Path.cwd(), "where you are")
         for place in places:
@@ -452,21 +449,27 @@ class _Resolver:
         reader.refuse(tree, f"{what}: no file {path} {looked}{_did_you_mean(Path(path).name, files)}")
         return None
 
-    def _inputs(self, reader: TreeReader, what: str, tree: Tree) -> dict[str, InputEntry]:
+    def _inputs(
+        self, reader: TreeReader, what: str, tree: Tree
+    ) -> tuple[dict[str, Wire], dict[str, tuple[Mark, Mark]]]:
+        """Return wires, and the places of their names and sources."""
+        found: dict[str, Wire] = {}
+        places: dict[str, tuple[Mark, Mark]] = {}
         if not isinstance(tree, Mapping):
             if not (isinstance(tree, Scalar) and tree.value is None):
                 reader.refuse(tree, f"inputs of {what} must map each port to node/port")
-            return {}
-        found = {}
+            return found, places
         for port, entry in tree.items.items():
             if sole_variable(entry.value) is not None and reader.evaluate(entry.value) == "":
                 continue  # an argument's empty value leaves an input open
             wire = self._input(reader, f"input '{port}' of {what}", entry)
             if wire is not None:
                 found[port] = wire
-        return found
+                items = entry.value.items if isinstance(entry.value, Mapping) else {"from": entry}
+                places[port] = entry.mark, items["from"].value.mark if "from" in items else entry.mark
+        return found, places
 
-    def _input(self, reader: TreeReader, what: str, entry: Entry) -> InputEntry | None:
+    def _input(self, reader: TreeReader, what: str, entry: Entry) -> Wire | None:
         """Return a wire, or None after reporting what is wrong with it."""
         tree = entry.value
         items = tree.items if isinstance(tree, Mapping) else {"from": entry}
@@ -483,10 +486,10 @@ class _Resolver:
             self._problems.add(items["from"].mark, text)
             return None
         if keys.external:
-            return InputEntry(entry.mark, entry.mark, "", "", stated, keys.on_event, external=True)
+            return Wire("", "", stated, keys.on_event, external=True)
         if isinstance(keys.source, str):
             node, port = keys.source.split("/")
-            return InputEntry(entry.mark, items["from"].value.mark, node, port, stated, keys.on_event)
+            return Wire(node, port, stated, keys.on_event)
         if "from" not in items and nearest("from", set(items) - set(fields_of(InputKeys))) is None:
             text = f"{what} does not say where it comes from; add from: node/port, or external: true"
             self._problems.add(entry.mark, text)

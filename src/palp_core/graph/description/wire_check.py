@@ -11,11 +11,11 @@ from palp_core.graph.messages.qos import incompatibility
 from palp_core.graph.node.spec import topic
 
 TRUTH = "truth"
-"""Port of quantities that no instrument can tell."""
+"""Port of quantities that no instrument measures."""
 
 
 class Misfit(NamedTuple):
-    """Why a wire does not fit: which of its three parts, and in words that begin with the topic."""
+    """Why a wire does not fit: which of its three parts, and a text that begins with the topic."""
 
     part: Literal["type", "qos", "truth"]
     text: str
@@ -34,15 +34,15 @@ def disagreements(checked: CheckedGraph) -> list[Disagreement]:
     """Return on which shared parameters the nodes of a graph disagree."""
     params = {spec.name: spec.params for spec in checked.nodes}
     found = []
-    for reader, readings in checked.readings.items():
-        for reading in (reading for reading in readings.values() if reading.same):
-            source = checked.topics[reading.topic].node
-            read, published = params.get(reader, {}), params.get(source, {})
-            for name in reading.same:
+    for spec in (spec for spec in checked.nodes if spec.name in checked.classes):
+        for port, names in checked.classes[spec.name].same_params.items():
+            source = checked.topics[spec.inputs[port]].node if port in spec.inputs else ""
+            read, published = spec.params, params.get(source, {})
+            for name in names:
                 if name in read and name in published and read[name] != published[name]:
-                    text = f"{name} is {read[name]!r} in node '{reader}'"
+                    text = f"{name} is {read[name]!r} in node '{spec.name}'"
                     text += f" and {published[name]!r} in node '{source}'; give both the same"
-                    found.append(Disagreement(reader, source, name, text))
+                    found.append(Disagreement(spec.name, source, name, text))
     return found
 
 
@@ -83,5 +83,5 @@ def _difference(wanted: TopicInfo, offered: TopicInfo) -> str:
     if len(read) > len(published):
         return f"without '{read[len(published)]}'"
     if len(read) < len(published):
-        return f"with '{published[len(read)]}' besides"
+        return f"with '{published[len(read)]}', too"
     return "which differs in a nested type"

@@ -9,12 +9,12 @@ from typing import Any
 
 import msgspec
 
-from palp_core.graph.description.checked import CheckedGraph, Reading, TopicInfo
-from palp_core.graph.description.launch_file import GraphNode, InputEntry
+from palp_core.graph.description.checked import CheckedGraph, TopicInfo
+from palp_core.graph.description.launch_file import GraphNode, Wire
 from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.description.wire_check import misfits, type_misfit
 from palp_core.graph.messages.qos import on_edge
-from palp_core.graph.node.spec import NodeSpec, action_of, topic
+from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import Mark, Problems, hint, nearest
 
 _Nodes = dict[str, GraphNode]
@@ -82,14 +82,15 @@ def check_wires(reader: GraphNode, nodes: _Nodes, unread: Collection[str], probl
         return
     readable = reader.ports(*_SOURCES)
     for name, wire in reader.inputs.items():
+        mark = reader.places.get(name, (reader.mark,))[0]
         if name in readable:
             if wire.node not in unread:
                 _check_wire(reader, readable[name], wire, nodes, problems)
         elif name in reader.declared.ports:
             noun = _PLACES[reader.declared.ports[name].kind]
-            problems.add(wire.mark, f"{reader}: '{name}' is its {noun}, not an input; remove it from inputs")
+            problems.add(mark, f"{reader}: '{name}' is its {noun}, not an input; remove it from inputs")
         else:
-            problems.add(wire.mark, f"{reader} has no input '{name}'{hint(name, readable)}")
+            problems.add(mark, f"{reader} has no input '{name}'{hint(name, readable)}")
     meant = {nearest(name, readable) for name in reader.inputs if name not in reader.declared.ports}
     for name, port in readable.items():
         if name not in reader.inputs and name not in meant and not port.optional and reader.complete:
@@ -109,18 +110,17 @@ def _source(port: NodePort, nodes: _Nodes) -> str:
     return " or ".join(dict.fromkeys(fitting)) or "node/port"
 
 
-def _check_wire(
-    reader: GraphNode, port: NodePort, wire: InputEntry, nodes: _Nodes, problems: Problems
-) -> None:
+def _check_wire(reader: GraphNode, port: NodePort, wire: Wire, nodes: _Nodes, problems: Problems) -> None:
+    place = reader.place_of(port.name)
     if wire.external:
         if port.kind != "sub":
             message = f"{reader}: {_PLACES[port.kind]} '{port.name}' cannot be external"
-            problems.add(wire.mark, f"{message}; name the {_PLACES[_SOURCES[port.kind]]} that answers it")
+            problems.add(place, f"{message}; name the {_PLACES[_SOURCES[port.kind]]} that answers it")
         return
     if wire.node not in nodes:
         what = f"node '{reader.spec.name}': input '{port.name}'"
         message = f"{what} comes from a node '{wire.node}' that is not there{hint(wire.node, nodes)}"
-        problems.add(wire.source_mark, message)
+        problems.add(place, message)
         return
     kind = _SOURCES[port.kind]
     source = nodes[wire.node]
@@ -134,11 +134,11 @@ def _check_wire(
         message = (
             f"{reader}: '{wire.port}' of {source} is its {noun}; {_PLACES[port.kind]} '{port.name}' needs"
         )
-        problems.add(wire.source_mark, f"{message} {_an(_PLACES[kind])}{hint(wire.port, offers)}")
+        problems.add(place, f"{message} {_an(_PLACES[kind])}{hint(wire.port, offers)}")
     else:
         known = [name for name, offer in offers.items() if not offer.vacant]
         text = f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}"
-        problems.add(wire.source_mark, text)
+        problems.add(place, text)
 
 
 def _an(noun: str) -> str:
@@ -150,22 +150,21 @@ def _check_edge(
     port: NodePort,
     source: GraphNode,
     offer: NodePort,
-    wire: InputEntry,
+    wire: Wire,
     problems: Problems,
 ) -> None:
-    where = f"{reader}: {_PLACES[port.kind]} '{port.name}'"
+    place, where = reader.place_of(port.name), f"{reader}: {_PLACES[port.kind]} '{port.name}'"
     if port.kind != "sub":
-        for type_read, type_offered in zip(port.types, offer.types, strict=True):
-            wanted = TopicInfo.carrying(type_read, reader.spec.name, port)
-            found = type_misfit(wanted, TopicInfo.carrying(type_offered, wire.node, offer))
-            if found is not None:
-                problems.add(wire.source_mark, f"{where}: {found.text}; {_ADVICE[found.part]}")
+        for at in range(len(port.types)):
+            wanted, offered = TopicInfo.of(reader.spec.name, port, at), TopicInfo.of(wire.node, offer, at)
+            if (found := type_misfit(wanted, offered)) is not None:
+                problems.add(place, f"{where}: {found.text}; {_ADVICE[found.part]}")
                 return
         stated = [*wire.stated, *(["on_event"] if wire.action != "warn" and port.kind != "client" else [])]
         if stated:
             noun = _PLACES[offer.kind]
             message = f"{where}: {_an(noun)} has no quality of service; remove {', '.join(stated)}"
-            problems.add(wire.source_mark, message)
+            problems.add(place, message)
         return
     for part, text in misfits(
         TopicInfo.of(reader.spec.name, port, qos=wire.requested(port.qos)),
@@ -173,58 +172,31 @@ def _check_edge(
         reads_truth=reader.declared.simulates or reader.declared.records,
     ):
         advice = _ADVICE[part].format(run=source.declared.run)
-        problems.add(wire.source_mark, f"{where}: {text}; {advice}")
+        problems.add(place, f"{where}: {text}; {advice}")
 
 
 def described(checked: CheckedGraph) -> _Nodes:
     """Return the nodes of a graph as a launch file would describe them, with what their classes declare."""
     return {
         spec.name: GraphNode(
-            spec,
-            _NOWHERE,
-            _NOWHERE,
-            _inputs_of(checked.readings[spec.name]),
-            answer=checked.classes[spec.name],
+            spec, _NOWHERE, _NOWHERE, checked.wires[spec.name], answer=checked.classes[spec.name]
         )
         for spec in checked.nodes
         if spec.name in checked.classes  # recorders that the launcher adds are wired to nothing
     }
 
 
-def _inputs_of(readings: Mapping[str, Reading]) -> dict[str, InputEntry]:
-    """Return wired inputs by port, those of an action as one."""
-    found = {}
-    for name, reading in readings.items():
-        action = action_of(name)
-        source = action_of(reading.topic) if action else reading.topic
-        node, _, port = ("", "", "") if reading.external else source.removeprefix("/").partition("/")
-        found[action or name] = InputEntry(
-            _NOWHERE, _NOWHERE, node, port, reading.stated, reading.action, reading.external
-        )
-    return found
-
-
 def build(nodes: _Nodes, seed: int) -> dict[str, Any]:
     """Return nodes, wires and topics of a graph, by the field of :class:`CheckedGraph`."""
     edges: dict[str, list[list[str]]] = {}
     topics: dict[str, TopicInfo] = {}
-    readings: dict[str, dict[str, Reading]] = {name: {} for name in nodes}
     requests: dict[str, dict[str, list[str]]] = {name: {} for name in nodes}
     for name, node in nodes.items():
         for port in (port for port in node.declared.ports.values() if port.kind == "pub"):
             topics[topic(name, port.name)] = TopicInfo.of(name, port)
         for port_name, wire in node.wires.items():
             port = node.declared.ports[port_name]
-            source = topic(name, port_name) if wire.external else topic(wire.node, wire.port)
-            readings[name][port_name] = Reading(
-                topic=source,
-                qos=wire.requested(port.qos),
-                stated=wire.stated,
-                action=wire.action,
-                external=wire.external,
-                dispensable=port.optional and not port.lasting,
-                same=node.declared.same_params.get(port_name, ()),
-            )
+            source = _topic_of(name, port_name, wire)
             if wire.external:
                 topics[source] = TopicInfo.of(name, port)
             if port.kind == "sub":
@@ -235,40 +207,43 @@ def build(nodes: _Nodes, seed: int) -> dict[str, Any]:
             edges[own] = [[wire.node, wire.port]]
             edges[source + own] = [[name, port_name]]
             topics[own] = TopicInfo.of(name, port)
-            topics[source + own] = TopicInfo.of(
-                wire.node, nodes[wire.node].declared.ports[wire.port], reply=True
-            )
+            topics[source + own] = TopicInfo.of(wire.node, nodes[wire.node].declared.ports[wire.port], 1)
     return {
-        "nodes": [_spec(node, seed, readings[name], requests[name], topics) for name, node in nodes.items()],
-        "readings": readings,
+        "nodes": [_spec(node, seed, requests[name], topics) for name, node in nodes.items()],
+        "wires": {name: node.inputs for name, node in nodes.items()},
         "edges": edges,
         "topics": topics,
         "classes": {name: node.declared for name, node in nodes.items()},
     }
 
 
+def _topic_of(node: str, port: str, wire: Wire) -> str:
+    return topic(node, port) if wire.external else topic(wire.node, wire.port)
+
+
 def _spec(
-    node: GraphNode,
-    seed: int,
-    readings: dict[str, Reading],
-    requests: dict[str, list[str]],
-    topics: dict[str, TopicInfo],
+    node: GraphNode, seed: int, requests: dict[str, list[str]], topics: dict[str, TopicInfo]
 ) -> NodeSpec:
-    subs = {name: reading for name, reading in readings.items() if node.declared.ports[name].kind == "sub"}
+    wires, ports = node.wires, node.declared.ports
+    inputs = {port: _topic_of(node.spec.name, port, wire) for port, wire in wires.items()}
     defaults = {name: known.default for name, known in node.declared.params.items() if not known.required}
     return msgspec.structs.replace(
         node.spec,
         params=defaults | node.spec.params,
-        inputs={port: reading.topic for port, reading in readings.items()},
+        inputs=inputs,
         requests=requests,
         seed=seed,
         moves=node.declared.moves,
-        qos={port: on_edge(r.qos, topics[r.topic].qos) for port, r in subs.items()},
-        actions={port: reading.action for port, reading in readings.items() if reading.action != "warn"},
-        external=[port for port, reading in readings.items() if reading.external],
+        qos={
+            port: on_edge(wire.requested(ports[port].qos), topics[inputs[port]].qos)
+            for port, wire in wires.items()
+            if ports[port].kind == "sub"
+        },
+        actions={port: wire.action for port, wire in wires.items() if wire.action != "warn"},
+        external=[port for port, wire in wires.items() if wire.external],
         vacant={
             name: (topics[name].type_hash, topics[name].qos)
-            for port in node.declared.ports.values()
+            for port in ports.values()
             if port.vacant and (name := topic(node.spec.name, port.name))
         },
     )

@@ -35,7 +35,7 @@ _TEXT_AS_VALUES = 64  # so many letters count for one value more: an alias may r
 
 
 class _Unknown:
-    """Stands for a value whose mistake has been reported already."""
+    """In place of a value whose mistake has been reported already."""
 
     def __repr__(self) -> str:
         return "UNKNOWN"
@@ -46,15 +46,11 @@ UNKNOWN: Final[Any] = _Unknown()
 
 @dataclass(frozen=True, slots=True)
 class Scalar:
-    """A single value.
-
-    Attributes:
-        text: As written, without quotes.
-    """
+    """A single value."""
 
     mark: Mark
     value: Plain
-    text: str
+    text: str  # as written, without quotes
     quoted: bool = False
 
 
@@ -224,10 +220,7 @@ class _Converter:
 
 
 def read_tree(path: Path, problems: Problems) -> Tree:
-    """Read a YAML file.
-
-    Duplicate keys are added to ``problems``; the first of them counts.
-    """
+    """Read a YAML file; duplicate keys are added to ``problems``, the first of them counts."""
     file = str(path)
     try:
         text = read_whole(path, LARGEST_BYTES).decode()
@@ -247,11 +240,7 @@ def _mistake(file: str, message: str, line: int = 1, column: int = 1) -> GraphPr
 
 
 def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
-    """Read YAML from a text that came from ``file``; None if there is nothing in it.
-
-    Duplicate keys are added to ``problems``; the first of them counts. So are whole numbers of more than
-    64 bits.
-    """
+    """Read YAML from a text that came from ``file``, as :func:`read_tree`; None if there is nothing in it."""
     try:
         root = _Loader(text).get_single_node()
     except yaml.reader.ReaderError as error:

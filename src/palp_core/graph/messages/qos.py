@@ -20,9 +20,6 @@ MAX_BLOCKING_MS = 1000.0
 MOST_UNREAD = 100_000
 """Messages that a node on the wall clock may have received and not taken up; the rest waits before it."""
 
-QOS_MISTAKE = "qos "
-"""How the words begin of what is wrong with a :class:`Qos`."""
-
 
 class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a publisher offers or a reader requests; 0 means "none stated".
@@ -59,12 +56,12 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             value, words = getattr(self, name), _WORDS.get(name)
             if words is not None:
                 if value not in words:
-                    raise ValueError(f"{QOS_MISTAKE}{name} = {value!r}: give one of {', '.join(words)}")
+                    raise ValueError(f"qos {name} = {value!r}: give one of {', '.join(words)}")
             elif isinstance(value, bool) or not isinstance(value, int if name == "depth" else int | float):
                 kind = "a whole number" if name == "depth" else "a number"
-                raise ValueError(f"{QOS_MISTAKE}{name} = {value!r}: give {kind}")
+                raise ValueError(f"qos {name} = {value!r}: give {kind}")
             elif not policy.least <= value <= policy.most:
-                raise ValueError(f"{QOS_MISTAKE}{name} = {value!r}: give {policy.least} to {policy.most}")
+                raise ValueError(f"qos {name} = {value!r}: give {policy.least} to {policy.most}")
 
     @property
     def latched_depth(self) -> int:

@@ -41,12 +41,7 @@ class Report(Protocol):
 
 def view_of(checked: CheckedGraph) -> GraphView:
     """Return a graph as other hosts see it."""
-    external = [
-        reading.topic
-        for readings in checked.readings.values()
-        for reading in readings.values()
-        if reading.external
-    ]
+    external = [spec.inputs[port] for spec in checked.nodes for port in spec.external]
     return GraphView(
         graph=checked.graph,
         clock=checked.clock,
