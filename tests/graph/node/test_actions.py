@@ -15,6 +15,7 @@ from palp_core import (
     Message,
     Node,
     Params,
+    Pub,
     State,
     WrappedResult,
     accept,
@@ -351,7 +352,7 @@ def test_a_goal_goes_only_where_its_status_allows_and_ends_through_any_change_of
     taken: list[str] = []
 
     def note() -> None:
-        messages = bench.sent(bench.executor.declaration.pubs["lift/_action/status"])
+        messages = bench.sent(bench.executor.declaration.of(Pub)["lift/_action/status"])
         said.extend({entry.goal_id: entry.status for entry in message.status_list} for message in messages)
         bench.frames.clear()
 

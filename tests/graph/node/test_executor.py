@@ -9,13 +9,14 @@ import pytest
 from palp_core import Alarm, Client, Message, Node, Params, Pub, Srv, State, Sub, Timer, every, on, serve
 from palp_core.errors import GraphError, LifecycleError, NodeError
 from palp_core.graph.clock import SimClock
-from palp_core.graph.messages.frame import Kind, pack, parse
-from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.units import Float64Array, Hertz, Metres
+from tests.support.drive import Drive
 
 
 class Word(Message):
@@ -25,30 +26,6 @@ class Word(Message):
 
 class Other(Message):
     n: int
-
-
-class Drive:
-    """An executor with a clock, feeders and the frames it sent."""
-
-    def __init__(self, node_class: type[Node], *, active: bool = True, **spec: Any) -> None:
-        self.clock = SimClock()
-        self.frames: list[bytes] = []
-        self.executor = Executor(
-            node_class, NodeSpec(name="n", run="m:N", **spec), self.clock, self.frames.append
-        )
-        self.node: Any = self.executor.node
-        if active:
-            self.executor.transition(Transition.CONFIGURE)
-            self.executor.transition(Transition.ACTIVATE)
-
-    def consume(
-        self, topic: str, message: Message, sequence: int = 1, epoch: int = 0, kind: int = Kind.DATA
-    ) -> None:
-        type_hash = schema_of(type(message)).type_hash
-        self.executor.consume(pack(topic.encode(), kind, epoch, sequence, 0, type_hash, encode(message)))
-
-    def sent(self, topic: str, message: type[Message] = Word) -> list[Any]:
-        return [decode(message, f.payload) for f in map(parse, self.frames) if f.topic == topic]
 
 
 class LogState(State):
@@ -129,7 +106,7 @@ def test_time_stands_still_within_a_handler() -> None:
 
     drive = Drive(Asking, **WIRED)
     drive.consume("/p/word", Word(n=1))
-    assert drive.sent("/n/out") == [Word(n=0)]
+    assert drive.sent("/n/out", Word) == [Word(n=0)]
 
 
 def test_parameters_are_replaced_as_a_whole_or_not_at_all_and_swallow_no_tick() -> None:
@@ -206,7 +183,7 @@ def test_a_handler_that_raises_names_itself_and_brings_the_node_to_its_safe_stat
     assert caught.value.node == "n"
     assert isinstance(caught.value.__cause__, ValueError)
     assert drive.node.state.log == ["word -1 of x", "error below 0", "deactivate"]
-    assert drive.sent("/n/out") == [Word(n=0)]
+    assert drive.sent("/n/out", Word) == [Word(n=0)]
     assert drive.executor.lifecycle is Lifecycle.FINALIZED
     assert drive.executor.next_due_ns() is None
     drive.executor.run_timers()
@@ -239,15 +216,16 @@ def test_a_node_that_fails_reaches_its_safe_state_even_if_a_hook_raises(
 
 @pytest.mark.parametrize("hook", ["on_configure", "on_activate", "on_deactivate", "on_shutdown"])
 def test_a_hook_that_raises_is_named(hook: str) -> None:
-    drive = Drive(type("Broken", (Node,), {hook: raises(OSError("no device"))}), active=False)
+    broken = type("Broken", (Node,), {hook: raises(OSError("no device"))})
+    executor = Executor(broken, NodeSpec(name="n", run="m:N"), SimClock(), print)
 
     def live() -> None:
         for transition in (Transition.CONFIGURE, Transition.ACTIVATE, Transition.SHUTDOWN):
-            drive.executor.transition(transition)
+            executor.transition(transition)
 
     with pytest.raises(NodeError, match=f"n: {hook} failed: OSError: no device"):
         live()
-    assert drive.executor.lifecycle is Lifecycle.FINALIZED
+    assert executor.lifecycle is Lifecycle.FINALIZED
 
 
 class Server(Node):
@@ -276,7 +254,7 @@ def test_two_clients_of_a_service_each_get_their_own_replies_and_a_wrong_one_fai
 def test_a_call_returns_at_once_and_its_reply_arrives_later() -> None:
     asker = Drive(Everything, inputs={"ask": "/s/total", "word": "/p/word"})
     asker.node.ask.call(Word(n=4))
-    assert asker.sent("/n/ask") == [Word(n=4)]
+    assert asker.sent("/n/ask", Word) == [Word(n=4)]
     assert asker.node.state.log == []
     asker.consume("/s/total/n/ask", Other(n=8))
     assert asker.node.state.log == ["learnt 8"]
@@ -350,7 +328,6 @@ def test_messages_wait_in_the_inbox_of_a_node_that_is_not_active() -> None:
     drive = Drive(Everything, active=False, **WIRED)
     for n in (1, 2):
         drive.consume("/p/word", Word(n=n), n)
-    drive.executor.transition(Transition.CONFIGURE)
     drive.executor.transition(Transition.ACTIVATE)
     while drive.executor.inbox:
         drive.executor.consume(drive.executor.inbox.popleft())

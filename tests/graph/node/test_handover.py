@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from palp_core.errors import LifecycleError, SchemaMismatch
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.builtin import Order
-from palp_core.graph.messages.frame import Kind, pack, parse
-from palp_core.graph.messages.message import Message, decode, decode_any, encode, encode_any
-from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import Message, decode, decode_any, encode_any
 from palp_core.graph.node.bench import Bench
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver, Predecessor, adopt_state
@@ -23,6 +22,7 @@ from palp_core.graph.node.node import Node, Params, State
 from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.units import Float64Array, Hertz, RatioArray, Seconds
+from tests.support.drive import MS, Drive
 
 
 class Word(Message):
@@ -135,76 +135,52 @@ def _message(topic: str, n: int) -> Message:
     return Word(n=n, values=np.linspace(0.0, 1.0, n))
 
 
-class Run:
-    """A lockstep driver for one executor that remembers what was consumed and what came out."""
+class Run(Drive):
+    """Remembers what was consumed and what came out, through changes of executor."""
 
-    def __init__(self, spec: NodeSpec = SPEC, node_class: type[Node] = Busy, *, active: bool = True) -> None:
-        self.clock = SimClock()
-        self.frames: list[bytes] = []
+    def __init__(self) -> None:
+        super().__init__(Busy, **msgspec.structs.asdict(SPEC))
+        self.node_class: type[Node] = Busy
         self.fed: dict[tuple[str, int], bytes] = {}
         self.sequence: dict[str, int] = {}
-        self.spec, self.node_class = spec, node_class
-        self.executor = self.fresh()
-        if active:
-            self.executor.transition(Transition.ACTIVATE)
 
-    def fresh(self, node_class: type[Node] | None = None) -> Executor:
-        executor = Executor(node_class or self.node_class, self.spec, self.clock, self.frames.append)
-        executor.transition(Transition.CONFIGURE)
-        return executor
-
-    def swap(self, *, waiting: list[bytes] | None = None) -> HandOver:
+    def swap(self, *, waiting: list[Step] | None = None) -> HandOver:
         """Let another executor take over, through bytes."""
         self.executor.pause()
-        for frame in waiting or []:
-            self.executor.consume(frame)
-        data = encode_any(self.executor.hand_over())
-        self.executor = self.fresh()
-        hand_over = decode_any(HandOver, data)
+        for topic, n, _ in waiting or []:
+            self.feed(topic, n)
+        hand_over = decode_any(HandOver, encode_any(self.executor.hand_over()))
+        self.executor = self.configured(self.node_class)
         self.executor.take_over(hand_over)
         while self.executor.inbox:
             self.executor.consume(self.executor.inbox.popleft())
         return hand_over
 
-    def frame(self, topic: str, n: int) -> bytes:
+    def feed(self, topic: str, n: int) -> None:
         sequence = self.sequence[topic] = self.sequence.get(topic, 0) + 1
-        kind = TYPES[topic]
-        data = pack(
-            topic.encode(),
-            Kind.DATA,
-            0,
-            sequence,
-            self.clock.now_ns(),
-            schema_of(kind).type_hash,
-            encode(_message(topic, n)),
-        )
-        self.fed[topic, sequence] = data
-        return data
-
-    def wait(self, ms: int) -> None:
-        end_ns = self.clock.now_ns() + ms * 1_000_000
-        while (due_ns := self.executor.next_due_ns()) is not None and due_ns <= end_ns:
-            self.clock.set(max(due_ns, self.clock.now_ns()))
-            self.executor.run_timers()
-        self.clock.set(end_ns)
+        self.fed[topic, sequence] = self.consume(topic, _message(topic, n), sequence)
 
     def step(self, step: Step) -> None:
         what, n, ms = step
-        self.wait(ms)
+        self.wait(ms * MS)
         if what == "params":
             self.executor.set_parameters({"pause_s": 0.001 * n})
         elif what != "wait":
-            self.executor.consume(self.frame(what, n))
+            self.feed(what, n)
 
     def outputs(self) -> list[bytes]:
         return [frame for frame in self.frames if parse(frame).topic not in ("/busy/_order", "/busy/_events")]
+
+    def orders(self) -> list[Order]:
+        self.executor.transition(Transition.DEACTIVATE)
+        return self.sent("/busy/_order", Order)
 
 
 def _straight(script: list[Step]) -> Run:
     run = Run()
     for step in script:
         run.step(step)
-    run.wait(500)
+    run.wait(500 * MS)
     return run
 
 
@@ -221,7 +197,7 @@ def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Ste
         pause_s = run.executor.node.params.pause_s  # type: ignore[attr-defined]
     run.swap()
     run.executor.set_parameters({"pause_s": pause_s})
-    run.wait(500)
+    run.wait(500 * MS)
     straight = _straight(script)
     assert run.outputs() == straight.outputs()
     assert encode_any(run.executor.node.state) == encode_any(
@@ -242,7 +218,7 @@ def test_what_waits_in_the_inbox_moves_with_the_node(script: list[Step], last: i
         straight.step(step)
     for step in script[:-last]:
         moved.step(step)
-    hand_over = moved.swap(waiting=[moved.frame(topic, n) for topic, n, _ in script[-last:]])
+    hand_over = moved.swap(waiting=script[-last:])
     assert len(hand_over.inbox) == min(last, len(script))
     assert moved.outputs() == straight.outputs()
 
@@ -276,17 +252,15 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
 @given(steps)
 def test_the_written_order_is_enough_to_drive_the_node_again_to_the_same_bytes(script: list[Step]) -> None:
     run = _straight(script)
-    run.executor.transition(Transition.DEACTIVATE)
-    orders = [decode(Order, parse(f).payload) for f in run.frames if parse(f).topic == "/busy/_order"]
+    orders = run.orders()
     assert _redrive(orders, run.fed, 0) == run.outputs()
 
 
 def test_the_order_is_written_in_batches_with_a_state_every_ten_seconds() -> None:
     run = Run()
     run.step(("/w/right", 1, 0))
-    run.wait(25_000)
-    run.executor.transition(Transition.DEACTIVATE)
-    orders = [decode(Order, parse(f).payload) for f in run.frames if parse(f).topic == "/busy/_order"]
+    run.wait(25_000 * MS)
+    orders = run.orders()
     starts = [index for index, order in enumerate(orders) if order.hand_over]
     assert [orders[index].now_ns[0] // 10**10 for index in starts] == [1, 2]
     assert all(len(order.source) <= 256 for order in orders)
@@ -430,14 +404,14 @@ def test_another_class_takes_over_with_its_own_timers_running() -> None:
     count = len(run.outputs())
     run.node_class = Successor
     run.swap()
-    run.wait(1000)
+    run.wait(1000 * MS)
     assert len(run.outputs()) - count == 70
     assert decode(Answer, parse(run.outputs()[-1]).payload).n == 4.0
 
 
 def test_a_refused_hand_over_leaves_the_successor_inactive() -> None:
     run = Run()
-    successor = run.fresh(Successor)
+    successor = run.configured(Successor)
     with pytest.raises(SchemaMismatch):
         successor.take_over(msgspec.structs.replace(run.executor.hand_over(), state=b"\xc1"))
     assert successor.lifecycle.value == "inactive"
@@ -492,12 +466,8 @@ class Thin(Node):
 
 
 def test_what_only_the_old_class_has_is_as_it_was() -> None:
-    clock, frames = SimClock(), list[bytes]()
-    spec = NodeSpec(name="relay", run="m:C", inputs={"number": "/source/out"})
-    old, new = (Executor(cls, spec, clock, frames.append) for cls in (Full, Thin))
-    for executor in (old, new):
-        executor.transition(Transition.CONFIGURE)
-    old.transition(Transition.ACTIVATE)
+    drive = Drive(Full, name="relay", inputs={"number": "/source/out"})
+    old, new = drive.executor, drive.configured(Thin)
     before = old.ends.write_down()
     old.pause()
     new.take_over(old.hand_over())

@@ -5,17 +5,10 @@ from typing import Any, get_args
 import pytest
 
 from palp_core import Client, Message, Node, NodeEvent, Pub, Qos, QosEvent, State, Sub, on, on_event
-from palp_core.graph.clock import SimClock
-from palp_core.graph.messages.frame import Kind, pack, parse
-from palp_core.graph.messages.message import decode, encode
+from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.qos import EventKind
-from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.node.subscription import FEW_REPEATS
-
-MS = 1_000_000
+from tests.support.drive import MS, Drive
 
 
 class Word(Message):
@@ -51,43 +44,25 @@ class Watcher(Node):
         self.state.log.append(f"{event.kind} {event.total_count}")
 
 
-class Drive:
-    """A watcher on a clock that the test moves."""
+class Watched(Drive):
+    """A watcher, its input and what it has reported."""
 
     def __init__(self) -> None:
-        self.clock = SimClock()
-        self.frames: list[bytes] = []
-        self.resent: list[bytes] = []
-        spec = NodeSpec(name="w", run="m:W", inputs={"word": "/p/word", "ask": "/s/do"})
-        self.executor = Executor(Watcher, spec, self.clock, self.frames.append)
-        self.executor.resend = self.resent.append
-        self.node: Any = self.executor.node
-        self.executor.transition(Transition.CONFIGURE)
-        self.executor.transition(Transition.ACTIVATE)
+        super().__init__(Watcher, name="w", inputs={"word": "/p/word", "ask": "/s/do"})
 
     def word(
         self, n: int, *, stamp_ns: int | None = None, topic: str = "/p/word", kind: int = Kind.DATA
     ) -> None:
-        stamp = self.clock.now_ns() if stamp_ns is None else stamp_ns
-        payload = encode(Word(n=n))
-        self.executor.consume(pack(topic.encode(), kind, 0, n, stamp, schema_of(Word).type_hash, payload))
+        self.consume(topic, Word(n=n), n, kind=kind, stamp_ns=stamp_ns)
         self.executor.run_timers()
-
-    def wait(self, duration_ns: int) -> None:
-        end_ns = self.clock.now_ns() + duration_ns
-        while (due_ns := self.executor.next_due_ns()) is not None and due_ns <= end_ns:
-            self.clock.set(max(due_ns, self.clock.now_ns()))
-            self.executor.run_timers()
-        self.clock.set(end_ns)
 
     @property
     def log(self) -> list[str]:
         log: list[str] = self.node.state.log
         return log
 
-    def said(self) -> list[str]:
-        frames = [parse(frame) for frame in self.frames]
-        return [decode(NodeEvent, f.payload).kind for f in frames if f.topic == "/w/_events"]
+    def reported(self) -> list[str]:
+        return [event.kind for event in self.sent("/w/_events", NodeEvent)]
 
 
 @pytest.mark.parametrize(
@@ -131,7 +106,7 @@ class Drive:
     ],
 )
 def test_what_an_edge_does_not_keep_is_told(deeds: list[str], log: list[str]) -> None:
-    drive = Drive()
+    drive = Watched()
     for deed in deeds:
         verb, number, *stamp = deed.split()
         stamp_ns = int(stamp[0]) * MS if stamp else None
@@ -150,18 +125,18 @@ def test_what_an_edge_does_not_keep_is_told(deeds: list[str], log: list[str]) ->
 
 
 def test_a_message_past_its_lifespan_and_a_lost_one_are_in_the_account() -> None:
-    drive = Drive()
+    drive = Watched()
     drive.wait(100 * MS)
     drive.word(1, stamp_ns=49 * MS)
     drive.word(2, stamp_ns=50 * MS)
     drive.word(5)
     counter = drive.executor.ends.accounts["/p/word"]
     assert (counter.received, counter.dropped, counter.late, counter.lost) == (2, 1, 2, 2)
-    assert drive.said() == ["transition", "lifespan", "message_lost"]
+    assert drive.reported() == ["transition", "lifespan", "message_lost"]
 
 
 def test_a_call_is_asked_again_with_the_same_bytes_and_a_late_reply_is_a_repeat() -> None:
-    drive = Drive()
+    drive = Watched()
     drive.word(7)
     drive.word(7, kind=Kind.IDLE)
     drive.wait(300 * MS)
@@ -171,7 +146,7 @@ def test_a_call_is_asked_again_with_the_same_bytes_and_a_late_reply_is_a_repeat(
 
 
 def test_idle_is_said_once_and_ends_with_the_next_message() -> None:
-    drive = Drive()
+    drive = Watched()
     out: Any = drive.node.out
     for _ in range(2):
         out.idle()
@@ -182,22 +157,19 @@ def test_idle_is_said_once_and_ends_with_the_next_message() -> None:
 
 
 def test_events_and_calls_survive_a_hand_over() -> None:
-    drive, heir = Drive(), Drive()
-    drive.word(1)
-    drive.word(5)
-    drive.word(7)
+    drive = Watched()
+    for n in (1, 5, 7):
+        drive.word(n)
     drive.executor.pause()
-    heir.executor = Executor(Watcher, drive.executor.spec, drive.clock, heir.frames.append)
-    heir.clock, heir.node = drive.clock, heir.executor.node
-    heir.executor.resend = heir.resent.append
-    heir.executor.transition(Transition.CONFIGURE)
-    heir.executor.take_over(drive.executor.hand_over())
-    heir.word(7, kind=Kind.IDLE)
-    heir.word(9)
-    heir.word(9, kind=Kind.IDLE)
-    heir.wait(300 * MS)
-    assert heir.log[-3:] == ["word 9", "message_lost 1 of 5", "call_timeout 1"]
-    assert len(heir.resent) == 2
+    heir = drive.configured(Watcher)
+    heir.take_over(drive.executor.hand_over())
+    drive.executor = heir
+    drive.word(7, kind=Kind.IDLE)
+    drive.word(9)
+    drive.word(9, kind=Kind.IDLE)
+    drive.wait(300 * MS)
+    assert drive.log[-3:] == ["word 9", "message_lost 1 of 5", "call_timeout 1"]
+    assert len(drive.resent) == 2
 
 
 @pytest.mark.parametrize("kind", get_args(EventKind))
@@ -208,15 +180,15 @@ def test_each_kind_of_event_has_its_words(kind: EventKind) -> None:
 
 
 def test_a_reader_that_drops_one_repeat_after_the_other_says_so_and_a_few_are_no_news() -> None:
-    drive = Drive()
+    drive = Watched()
     drive.word(100)
     for n in range(1, FEW_REPEATS):
         drive.word(n)
     drive.word(101)
     drive.word(101)
-    assert "message_repeated" not in drive.said()
+    assert "message_repeated" not in drive.reported()
     for n in range(1, 100):
         drive.word(n)
-    assert drive.said().count("message_repeated") == 4  # the 8th, 16th, 32nd and 64th
+    assert drive.reported().count("message_repeated") == 4  # the 8th, 16th, 32nd and 64th
     assert drive.executor.ends.accounts["/p/word"].repeated == FEW_REPEATS + 99
     assert drive.log == ["word 100", "word 101"]

@@ -23,8 +23,8 @@ class WrappedResult(msgspec.Struct, Generic[Result], frozen=True, kw_only=True):
     Attributes:
         goal_id: Which.
         status: ``succeeded``, ``canceled`` or ``aborted``, as its server says; ``rejected``: it was never
-            accepted; ``unknown``: nobody can tell, as the server does not answer.
-        reason: Why, in words; "" where there is nothing to say.
+            accepted; ``unknown``: the server does not answer.
+        reason: Why; "" where there is none.
         result: Its result; None where there is none.
     """
 

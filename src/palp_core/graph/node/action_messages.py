@@ -46,32 +46,26 @@ class CancelGoalReply(Message):
 
 
 class GetResultRequest(Message):
-    """Tell how a goal stands, with its result if it has ended."""
+    """Ask for the status of a goal, with its result if it has ended."""
 
     goal_id: str
 
 
 class GoalStatus(Message):
-    """One goal: ``accepted``, ``executing``, ``canceling``, ``succeeded``, ``canceled`` or ``aborted``.
-
-    ``reason`` says why it ended so; ``has_result`` that ``get_result`` has one.
-    """
+    """One goal: ``accepted``, ``executing``, ``canceling``, ``succeeded``, ``canceled`` or ``aborted``."""
 
     goal_id: str
     status: str
     accepted_ns: Nanoseconds
-    reason: str = ""
-    has_result: bool = False
+    reason: str = ""  # why it ended so
+    has_result: bool = False  # get_result has one
 
 
 class GoalStatusArray(Message):
-    """Every goal of an action that its server knows, the oldest first, whenever one of them changes.
+    """Every goal of an action that its server knows, the oldest first, whenever one of them changes."""
 
-    ``epoch`` is how often the server was restarted, ``change`` counts these messages since then.
-    """
-
-    epoch: Count
-    change: Count
+    epoch: Count  # how often the server was restarted
+    change: Count  # number of this message since then
     status_list: list[GoalStatus]
 
 
@@ -104,7 +98,7 @@ def action_types(goal: type[Message], feedback: type[Message], result: type[Mess
         _message(
             f"{feedback.__name__}_FeedbackMessage", "How a goal goes.", {"goal_id": str, "feedback": feedback}
         ),
-        _message(f"{result.__name__}_GetResult", "How a goal stands or ended.", ended),
+        _message(f"{result.__name__}_GetResult", "Status of a goal, with its result if it has ended.", ended),
     )
 
 

@@ -1,4 +1,4 @@
-"""The live end of an action at its server: which goals there are, how each stands, what is due next."""
+"""The live end of an action at its server: its goals, their status, what is due next."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class GoalHandle(Generic[Goal, Feedback, Result]):
         """End it, as was asked; the result says how far it came.
 
         Raises:
-            LifecycleError: It has ended, or nobody asked.
+            LifecycleError: It has ended, or no cancel was requested.
         """
         self._must_be(wire.CANCELING, to="end it as canceled")
         self._end.conclude(self.record, wire.CANCELED, reason or self.record.reason, result)
@@ -120,12 +120,7 @@ class GoalHandle(Generic[Goal, Feedback, Result]):
 
 
 class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
-    """Works through the goals of an action; due when one is to begin or has lasted too long.
-
-    Attributes:
-        live: Goals that have not ended, by id, in the order in which they were accepted.
-        ended: The latest of the others, in the order in which they ended.
-    """
+    """Works through the goals of an action; due when one is to begin or has lasted too long."""
 
     def __init__(
         self,
@@ -141,8 +136,8 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
     ) -> None:
         super().__init__(f"action:{port}", port, context, execute)
         self.types, self._when_busy = types, when_busy
-        self.live: dict[str, GoalHandle[Goal, Feedback, Result]] = {}
-        self.ended: dict[str, GoalRecord] = {}
+        self.live: dict[str, GoalHandle[Goal, Feedback, Result]] = {}  # in the order of acceptance
+        self.ended: dict[str, GoalRecord] = {}  # the latest, in the order of their ends
         self._change = 0
         self._feedback, self._status, self._steps, self._execute = feedback, status, steps, execute
         self._accept, self._on_cancel = roles.get("accept"), roles.get("cancel")
@@ -222,7 +217,7 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
         return ""
 
     def result(self, request: wire.GetResultRequest) -> Any:
-        """Return how a goal stands, with its result if it has ended."""
+        """Return the status of a goal, with its result if it has ended."""
         record = self.find(request.goal_id)
         if record is None:
             why = "no such goal here, or no longer"

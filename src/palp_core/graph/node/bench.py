@@ -66,8 +66,8 @@ class Bench(Generic[N]):
             name=name,
             run=f"{node_class.__module__}:{node_class.__qualname__}",
             params=params or {},
-            inputs={port: topic("bench", port) for port in [*declared.subs, *declared.clients]},
-            requests={port: [topic("bench", port)] for port in declared.services},
+            inputs={port: topic("bench", port) for port in [*declared.of(Sub), *declared.of(Client)]},
+            requests={port: [topic("bench", port)] for port in declared.of(Srv)},
             seed=seed,
         )
         self.executor = Executor(node_class, spec, self.clock, self.frames.append)
@@ -169,9 +169,8 @@ class _ActionEnd(Generic[Goal, Feedback, Result]):
     """The other end of an action under test."""
 
     def __init__(self, bench: Bench[Any], port: Act[Any, Any, Any] | ActionClient[Any, Any, Any]) -> None:
-        wired = {made.name: made for made in bench.executor.declaration.wired}
-        parts = (*ACTION_CALLS, "feedback", "status")
-        self._parts: dict[str, Any] = {name: wired[part(name, port.name)] for name in parts}
+        ports, parts = bench.executor.declaration.ports, (*ACTION_CALLS, "feedback", "status")
+        self._parts: dict[str, Any] = {name: ports[part(name, port.name)] for name in parts}
         self._bench, self._types = bench, port.types
         self._change = 0
 
@@ -192,7 +191,7 @@ class ServerBench(_ActionEnd[Goal, Feedback, Result]):
         return reply
 
     def result(self, goal_id: str = "goal") -> Any:
-        """Return how a goal stands: ``status``, ``reason`` and ``result``, a list of one or none."""
+        """Return ``status``, ``reason`` and ``result`` of a goal; the result is a list of one or none."""
         return self._bench.call(self._parts["get_result"], wire.GetResultRequest(goal_id=goal_id))
 
     def feedback(self, goal_id: str = "goal") -> list[Feedback]:

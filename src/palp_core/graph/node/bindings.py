@@ -17,7 +17,18 @@ from palp_core.graph.node.action_server import ActionServerEnd
 from palp_core.graph.node.context import NodeContext
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
-from palp_core.graph.node.ports import ACTION_CALLS, SERVICE, Alarm, Timer
+from palp_core.graph.node.ports import (
+    ACTION_CALLS,
+    SERVICE,
+    Act,
+    ActionClient,
+    Alarm,
+    Client,
+    Pub,
+    Srv,
+    Sub,
+    Timer,
+)
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import EventEnd, EventPublisher
 from palp_core.graph.node.sequence_account import SequenceAccount
@@ -28,11 +39,7 @@ from palp_core.graph.node.timers import AlarmEnd, TimedEnd, TimerEnd
 
 
 class Bindings:
-    """The live ends of one node; puts them in place of the declarations on the instance.
-
-    Attributes:
-        timed: Everything that may be due, by its name in the journal, in the order in which it runs.
-    """
+    """The live ends of one node; puts them in place of the declarations on the instance."""
 
     def __init__(
         self,
@@ -44,7 +51,7 @@ class Bindings:
     ) -> None:
         self.publishers: dict[str, PublisherEnd[Any]] = {}
         self.subscriptions: dict[str, list[Subscription]] = {}
-        self.timed: dict[str, TimedEnd] = {}
+        self.timed: dict[str, TimedEnd] = {}  # all that may be due, by its name in the journal, in order
         self.timers: dict[str, TimerEnd] = {}
         self.alarms: dict[str, AlarmEnd] = {}
         self.events: dict[tuple[EventKind, str], EventEnd] = {}
@@ -81,24 +88,25 @@ class Bindings:
     def _bind_timers(self) -> None:
         context = self._context
         for name, handler in self._declared.handlers.items():
-            if timer := self._declared.timers.get(name):
-                end = TimerEnd(name, context, timer.hz, running=timer.running, handler=handler)
-                self.timed[name] = self.timers[name] = end
-            elif name in self._declared.alarms:
-                self.timed[name] = self.alarms[name] = AlarmEnd(name, name, context, handler)
+            match self._declared.ports[name]:
+                case Timer() as timer:
+                    end = TimerEnd(name, context, timer.hz, running=timer.running, handler=handler)
+                    self.timed[name] = self.timers[name] = end
+                case Alarm():
+                    self.timed[name] = self.alarms[name] = AlarmEnd(name, name, context, handler)
             if isinstance(getattr(type(context.node), name, None), Timer | Alarm):
                 context.node.__dict__[name] = self.timed[name]
 
     def _bind_topics(self) -> None:
         spec, declared = self._spec, self._declared
-        for name, pub in declared.pubs.items():
+        for name, pub in declared.of(Pub).items():
             out = self.publisher(topic(spec.name, name), pub.message, pub.qos)
             self._context.node.__dict__[name] = out
             if name in declared.event_handlers:
                 self._event("reader_overrun", name, out.topic)
         for name, (type_hash, qos) in spec.vacant.items():
             self.publisher(name, _UnpublishedMessage, qos, int(type_hash, 16))
-        for name, sub in declared.subs.items():
+        for name, sub in declared.of(Sub).items():
             if name not in spec.inputs:
                 continue
             source, qos = spec.inputs[name], spec.qos.get(name, sub.qos)
@@ -112,20 +120,17 @@ class Bindings:
             subscription.event_ends = {kind: self._event(kind, name, source) for kind in kinds}
 
     def report_overrun(self, out: PublisherEnd[Any], change: int) -> None:
-        """Report how many more messages of an output its readers have lost for good.
-
-        A handler is rung, as in a replay.
-        """
+        """Report how many more messages of an output its readers have lost; its handler is rung."""
         port = out.topic.removeprefix(topic(self._spec.name, ""))
         if end := self.events.get(("reader_overrun", port)):
             end.count(change, self._context.now_ns())
-        elif port in self._declared.pubs:
+        elif isinstance(self._declared.ports.get(port), Pub):
             self._events.publish_qos_event("reader_overrun", port, out.topic, out.lost_count, change)
 
     def _bind_clients(self) -> None:
         """A client's requests are a topic of its own; the replies to it are a topic of the server's."""
         spec, events = self._spec, self._events
-        for name, client in self._declared.clients.items():
+        for name, client in self._declared.of(Client).items():
             own = topic(spec.name, name)
             requests = self.publisher(own, client.request, SERVICE)
             end = ClientEnd[Any](
@@ -144,7 +149,7 @@ class Bindings:
 
     def _bind_services(self) -> None:
         spec, events = self._spec, self._events
-        for name, service in self._declared.services.items():
+        for name, service in self._declared.of(Srv).items():
             for client_topic in spec.requests.get(name, []):
                 source, handler = f"call:{name}{client_topic}", self._declared.handlers[name]
                 calls = RequestSubscription(
@@ -156,7 +161,7 @@ class Bindings:
 
     def _bind_actions(self) -> None:
         declared, context = self._declared, self._context
-        for name, act in declared.actions.items():
+        for name, act in declared.of(Act).items():
             server = ActionServerEnd[Any, Any, Any](
                 name,
                 act.types,
@@ -169,7 +174,7 @@ class Bindings:
                 self.timers.get(part("step", name)),
             )
             self.timed[server.name] = self.action_servers[name] = context.node.__dict__[name] = server
-        for name, port in declared.action_clients.items():
+        for name, port in declared.of(ActionClient).items():
             calls = {verb: self.clients[part(verb, name)] for verb in ACTION_CALLS}
             feedback = declared.roles.get(name, {}).get("feedback")
             client = ActionClientEnd[Any](
@@ -190,7 +195,7 @@ class Bindings:
 
     def sources(self) -> list[str]:
         read = [subscription.source for subscription in self._all_subscriptions()]
-        services = self._declared.services
+        services = self._declared.of(Srv)
         return [*read, *(f"timer:{name}" for name in self.timed), *(f"outside:{name}" for name in services)]
 
     def _all_subscriptions(self) -> Iterator[Subscription]:
@@ -265,7 +270,7 @@ class Bindings:
 
 
 class _UnpublishedMessage(Message):
-    """What the class does not publish: only where the topic's sequence stands is known of it."""
+    """What the class does not publish: only the topic's sequence is known."""
 
 
 def _answer(handler: Callable[..., Any], calls: RequestSubscription) -> Callable[..., None]:

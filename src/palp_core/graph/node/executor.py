@@ -27,6 +27,7 @@ from palp_core.graph.node.journal import BATCH, ORDER_PORT, OUTSIDE, PARAMETERS,
 from palp_core.graph.node.lifecycle import Lifecycle, LifecycleHooks, Transition, successor
 from palp_core.graph.node.node import Node, Params, State, class_name, declaration_of
 from palp_core.graph.node.params import changed_params, load_params
+from palp_core.graph.node.ports import Srv
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import EventEnd, EventPublisher, QosEvent
 from palp_core.graph.node.spec import NodeSpec, topic
@@ -37,12 +38,7 @@ _MERGED = ("timers", "events", "served", "sent", "consumed", "published")
 
 
 class Executor:
-    """One node between its driver and its handlers.
-
-    Attributes:
-        inbox: Frames that wait for the node to be active.
-        paused: The node waits at a handler boundary until it is clear which process goes on with it.
-    """
+    """One node between its driver and its handlers."""
 
     def __init__(
         self,
@@ -56,10 +52,11 @@ class Executor:
     ) -> None:
         self.spec, self.name, self.epoch = spec, spec.name, spec.epoch
         self.lifecycle = Lifecycle.UNCONFIGURED
-        self.publishing = self.paused = False
+        self.publishing = False
+        self.paused = False  # at a handler boundary, until it is clear which process goes on with the node
         self.exit_code: int | None = None
         self.swaps: list[dict[str, Any]] = []
-        self.inbox: deque[Frame] = deque()
+        self.inbox: deque[Frame] = deque()  # what waits for the node to be active
         self.log = logging.getLogger(f"palp.{spec.name}")
         self.rng = rng_of(spec.seed, spec.name)
         self.resend: Callable[[bytes], None] = resend or (lambda _: None)
@@ -73,7 +70,7 @@ class Executor:
         self.ends = Bindings(self.declaration, spec, self, self.events, send)
         self.ends.publishers[self.events.publisher.topic] = self.events.publisher
         order: PublisherEnd[Order] = self.ends.publisher(topic(self.name, ORDER_PORT), Order, Qos(depth=1))
-        self.journal = Journal(order, self.ends.sources(), lambda: encode_any(self.snapshot()))
+        self.journal = Journal(order, self.ends.sources(), self._encoded_snapshot)
         for subscriptions in self.ends.subscriptions.values():
             for subscription in subscriptions:
                 subscription.index = self.journal.index[subscription.source]
@@ -266,7 +263,7 @@ class Executor:
         return reply
 
     def recorded_request(self, service: str, written: str) -> Message:
-        request: Message = decode(self.declaration.services[service].request, base64.b64decode(written))
+        request: Message = decode(self.declaration.of(Srv)[service].request, base64.b64decode(written))
         return request
 
     # Hand-over
@@ -296,6 +293,9 @@ class Executor:
             swaps=list(self.swaps),
             **self.ends.write_down(),
         )
+
+    def _encoded_snapshot(self) -> bytes:
+        return encode_any(self.snapshot())
 
     def full_snapshot(self, *, with_latest: bool = False) -> HandOver:
         """Return everything a successor needs, of a node that goes on."""

@@ -1,4 +1,4 @@
-"""Everything one executor must tell another so that it continues as if nothing had happened.
+"""All that an executor hands over so that another continues as if nothing had happened.
 
 The same bytes serve a hot swap (one node, now), a checkpoint (all nodes at one instant) and a replay that
 starts in the middle.
@@ -43,7 +43,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     served: dict[str, ServedGoals] = {}  # goals of each action
     sent: dict[str, SentGoals] = {}  # goals of each client of an action that have not ended
     idle: list[str] = []  # output topics on which nothing is due until the next message
-    active: bool = True  # whether the node is at work; one that was deactivated stays so
+    active: bool = True  # one that was deactivated stays so
     finished: bool = False  # whether its work is done
     swaps: list[dict[str, Any]] = []  # every time it has changed hands, the latest last
     # the last message that each input has handled, with its topic, the oldest first; only where a successor

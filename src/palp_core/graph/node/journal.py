@@ -37,7 +37,7 @@ class Journal:
 
     def take_snapshot(self, now_ns: int) -> None:
         """Begin a new batch with a snapshot of the node."""
-        if not self._begun:  # the node was taken over: whoever followed it before goes on
+        if not self._begun:  # the node was taken over: its followers go on
             self._begun = True
             self._follow()
         self.flush(now_ns)
@@ -45,11 +45,7 @@ class Journal:
         self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
 
     def serve_follower(self, now_ns: int, *, active: bool) -> None:
-        """Let whoever follows the record have what is new, and a new follower a place to start.
-
-        To be called some ten times a second on the wall clock, between two handlers. With no follower it does
-        nothing.
-        """
+        """Wall clock, ten times a second: publish what is new, and a place to start for a new follower."""
         publisher = self._publisher
         if not publisher.has_readers:
             self._followed = False
@@ -71,11 +67,7 @@ class Journal:
             self.flush(now_ns)
 
     def note_transition(self, transition: Transition, now_ns: int) -> bool:
-        """Add a transition; the first configuration comes before the record, the shutdown ends it.
-
-        Returns:
-            Whether it is one that is to be said.
-        """
+        """Add a transition, of which the first configuration is none; return whether to report it."""
         if transition is Transition.ACTIVATE and not self._begun:
             self._begun = True
             if self._publisher.has_readers:
@@ -94,7 +86,7 @@ class Journal:
         if not self.entries and not self._hand_over:
             return
         if self._publisher.has_readers and not self._followed:
-            self.discard()  # a new follower cannot tell where this begins; it gets a place to start
+            self.discard()  # a new follower does not know where this begins; it gets a place to start
             return
         source, epoch, sequence, at_ns = zip(*self.entries, strict=True) if self.entries else ((),) * 4
         batch = Order(

@@ -106,13 +106,12 @@ def class_from_here(run: str, workspace: str) -> str:
     file, _, name = run.rpartition(":")
     if not file.endswith(".py"):
         return run
-    here = Path(file).resolve()
-    beside = Path(workspace, file).resolve()
-    return f"{beside if workspace and not here.is_file() and beside.is_file() else here}:{name}"
+    here, within = Path(file).resolve(), Path(workspace, file).resolve()
+    return f"{within if workspace and not here.is_file() and within.is_file() else here}:{name}"
 
 
 def _forget(name: str, workspace: str) -> None:
-    """Let the next import read the source: a compiled file is told from it by whole seconds and size only."""
+    """Let the next import read the source: a compiled file is compared by whole seconds and size only."""
     enter_workspace(workspace)
     if name.endswith(".py"):
         source: str | None = str(Path(workspace, name).resolve())

@@ -22,7 +22,6 @@ from palp_core.graph.node.ports import (
     MARKS,
     Act,
     ActionClient,
-    Alarm,
     Client,
     Mark,
     Port,
@@ -54,6 +53,7 @@ class Params(msgspec.Struct, metaclass=_ParamsMeta):
 
 
 T = TypeVar("T")
+P = TypeVar("P", bound=Port)
 ReadOnly = Annotated[T, msgspec.Meta(extra={"read_only": True})]
 """Marks a parameter that cannot be changed while the node lives."""
 
@@ -179,25 +179,22 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     ``roles`` are the further handlers of each action: ``accept``, ``cancel`` and ``feedback``.
     """
 
-    subs: dict[str, Sub[Any]]
-    pubs: dict[str, Pub[Any]]
-    services: dict[str, Srv[Any, Any]]
-    clients: dict[str, Client[Any, Any]]
-    timers: dict[str, Timer]
-    alarms: dict[str, Alarm]
-    actions: dict[str, Act[Any, Any, Any]]
-    action_clients: dict[str, ActionClient[Any, Any, Any]]
+    ports: dict[str, Port]
     roles: dict[str, dict[str, Callable[..., Any]]]
     handlers: dict[str, Callable[..., Any]]
     event_handlers: dict[str, Callable[..., Any]]
     params: type[Params]
     state: type[State]
 
+    def of(self, kind: type[P]) -> dict[str, P]:
+        """Return the ports of a kind, by name."""
+        return {name: port for name, port in self.ports.items() if isinstance(port, kind)}
+
     @property
     def wired(self) -> list[Port]:
         """Every port that others can be wired to, or see."""
-        groups = (self.subs, self.pubs, self.services, self.clients, self.actions, self.action_clients)
-        return [port for group in groups for port in group.values()]
+        kinds = (Sub, Pub, Srv, Client, Act, ActionClient)
+        return [port for kind in kinds for port in self.of(kind).values()]
 
 
 _DECLARATIONS: dict[Any, Declaration] = {}
@@ -277,19 +274,8 @@ def _declare(cls: type[Node]) -> Declaration:
         state()
     except TypeError as error:
         raise GraphError(f"{where}: every field of {state.__name__} needs a default: {error}") from error
-
-    def of(kind: type[Port]) -> dict[str, Any]:
-        return {name: port for name, port in ports.items() if isinstance(port, kind)}
-
     return Declaration(
-        subs=of(Sub),
-        pubs=of(Pub),
-        services=of(Srv),
-        clients=of(Client),
-        timers=of(Timer),
-        alarms=of(Alarm),
-        actions=of(Act),
-        action_clients=of(ActionClient),
+        ports=ports,
         roles=roles,
         handlers=handlers,
         event_handlers=event_handlers,

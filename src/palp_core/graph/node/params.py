@@ -8,6 +8,7 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Declaration, Params
+from palp_core.graph.node.ports import Timer
 
 SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
@@ -17,7 +18,7 @@ def load_params(declared: Declaration, values: Mapping[str, Any], where: str) ->
         params = msgspec.convert(dict(values), declared.params)
     except msgspec.ValidationError as error:
         raise GraphError(f"{where}: parameters: {error}") from error
-    for name, timer in declared.timers.items():
+    for name, timer in declared.of(Timer).items():
         rate_hz = getattr(params, timer.hz)
         if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
             raise GraphError(

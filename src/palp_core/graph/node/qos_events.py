@@ -35,10 +35,10 @@ class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         kind: ``deadline``: nothing came within the deadline; ``lifespan``: a message was too old and was
             dropped; ``liveliness``: the publisher fell silent for longer than its lease (odd counts) or is
-            back (even ones); ``message_lost``: a gap that nobody could fill; ``message_repeated``: so many
-            in a row were here already, which is said and handed to nobody; ``call_timeout``: a service did
-            not answer, after all retries; ``reader_overrun``, of an output: readers have lost messages, which
-            is said at most once a second.
+            back (even ones); ``message_lost``: a gap that remains; ``message_repeated``: so many in a row
+            were here already, which is reported and reaches no handler; ``call_timeout``: a service did not
+            answer, after all retries; ``reader_overrun``, of an output: readers have lost messages, reported
+            at most once a second.
         port: Name of the input, output or client.
         topic: What it reads or publishes.
         total_count: How often it has happened since the node began; lost messages and calls count each.
@@ -70,11 +70,7 @@ def is_reported(event: QosEvent) -> bool:
 
 
 class EventPublisher:
-    """Reports what happens to a node, each kind at a rate that cannot flood: log, hidden topic, supervisor.
-
-    Attributes:
-        rejected_count: Frames that were not what an edge carries.
-    """
+    """Reports what happens to a node, at rates that cannot flood: log, hidden topic, supervisor."""
 
     def __init__(
         self, context: NodeContext, send: Callable[[bytes], None], report: Callable[[QosEvent], None] | None
@@ -111,11 +107,7 @@ class EventPublisher:
 
 
 class EventEnd(TimedEnd):
-    """Rings like an alarm when an edge did not keep what it promised, so that a replay can ring it again.
-
-    Attributes:
-        period_ns: After ringing it is due again so much later; 0: it is not.
-    """
+    """Rings like an alarm when an edge did not keep what it promised, so that a replay can ring it again."""
 
     def __init__(
         self,

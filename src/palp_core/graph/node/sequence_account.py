@@ -34,7 +34,7 @@ class SequenceAccount(msgspec.Struct):
         return True
 
     def _lose(self, count: int) -> None:
-        self.lost = min(self.lost + count, LAST_SEQUENCE)  # whatever another host claims can be said
+        self.lost = min(self.lost + count, LAST_SEQUENCE)  # another host may claim any number
 
     def drop(self, epoch: int, sequence: int) -> None:
         if self.accept(epoch, sequence):

@@ -32,6 +32,9 @@ RESERVED_NAMES = {
 }
 """What no node may be called, and why."""
 
+GRAPH_EVENTS, GRAPH_HEALTH = f"/{LAUNCHER}/events", f"/{LAUNCHER}/health"
+"""The launcher's own topics."""
+
 
 def name_mistake(name: str) -> str:
     """Return why nothing can be a node of that name, and what to do; "" if a node can."""

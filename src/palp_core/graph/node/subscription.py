@@ -19,18 +19,11 @@ FEW_REPEATS = 8
 
 
 class Subscription:
-    """One wired input.
-
-    Attributes:
-        index: Number of the source in the node's journal.
-        last: When a message was last handled, and the message.
-        is_prompt: No time limit holds on the edge: a message that is next is handed over as it arrives.
-        event_ends: Ring when what they are about is not kept.
-    """
+    """One wired input."""
 
     is_ordered = True
-    index = 0
-    last: tuple[int, Message] | None = None
+    index = 0  # of the source in the node's journal
+    last: tuple[int, Message] | None = None  # when a message was last handled, and the message
 
     def __init__(
         self,
@@ -52,7 +45,7 @@ class Subscription:
         self._decode = decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
-        self.is_prompt = not self._lifespan_ns and not self._deadline_ns
+        self.is_prompt = not self._lifespan_ns and not self._deadline_ns  # handed over as it comes
         self._is_plain = self.is_prompt and type(self) is Subscription
 
     def accept(self, frame: Frame, now_ns: int) -> Message | None:
@@ -106,10 +99,7 @@ class Subscription:
         return True
 
     def _count_repeat(self) -> None:
-        """Count a repeat; a reader that drops everything must not look like one that gets nothing.
-
-        It is reported and handed to no handler: that would be one more thing that a replay must ring again.
-        """
+        """Count and report a repeat: a reader that drops all must not look like one that gets nothing."""
         taken = self.account.received + self.account.dropped
         count = self._repeats[0] + 1 if self._repeats[1] == taken else 1
         self._repeats = count, taken
@@ -136,14 +126,10 @@ class ReplySubscription(Subscription):
 
 
 class RequestSubscription(Subscription):
-    """Requests of one client: one that comes again gets its remembered reply and is not done twice.
-
-    Attributes:
-        current: Epoch and sequence of the request at hand.
-    """
+    """Requests of one client: one that comes again gets its remembered reply and is not done twice."""
 
     reply: PublisherEnd[Any]
-    current = (0, 0)
+    current = (0, 0)  # epoch and sequence of the request at hand
 
     def _is_new(self, frame: Frame, now_ns: int) -> bool:
         self.current = (frame.epoch, frame.sequence)

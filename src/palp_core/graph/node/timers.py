@@ -23,7 +23,7 @@ class TimedEnd:
         self.due_ns = None
 
     def tick(self) -> int:
-        """Take note that it is due now, and return the number by which the journal tells this time."""
+        """Take note that it is due now, and return the number that the journal has for it."""
         self.due_ns = None
         return 0
 
@@ -36,11 +36,7 @@ class TimedEnd:
 
 
 class TimerEnd(TimedEnd):
-    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter.
-
-    Attributes:
-        overrun_count: Those that started after the next one was due.
-    """
+    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter."""
 
     def __init__(
         self, name: str, context: NodeContext, hz: str, *, running: bool, handler: Callable[[Any], None]

@@ -10,7 +10,7 @@ from palp_core.graph.process.swap_messages import FromSwapped, ToSwapped
 
 
 class Spawn(ChannelMessage, frozen=True, kw_only=True):
-    """Fork a node's process; it is told this when it is born."""
+    """Fork a node's process, which gets this, too."""
 
     spec: NodeSpec
     clock: str
@@ -64,7 +64,7 @@ class Configured(ChannelMessage, frozen=True):
 
 
 class Matched(ChannelMessage, frozen=True):
-    """Every input has heard its publisher; of a predecessor's readers, ``missing`` have not come in time."""
+    """Every input is connected; of a predecessor's readers, ``missing`` have not come in time."""
 
     missing: list[str] = []
 
@@ -84,7 +84,7 @@ class Failed(ChannelMessage, frozen=True):
 
 
 class Kept(ChannelMessage, frozen=True):
-    """Wall clock: the node, written down at a message by which a checkpoint is due, told by its sequence."""
+    """Wall clock: the node, written down at the message of that sequence, for a checkpoint."""
 
     sequence: int
     node: bytes

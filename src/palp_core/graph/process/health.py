@@ -16,14 +16,10 @@ _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
 class HealthProbe:
-    """Counts what the loop of a node's process goes through.
-
-    Attributes:
-        due_ns: When the next pulse is due, on the machine's monotonic clock.
-    """
+    """Counts what the loop of a node's process goes through."""
 
     def __init__(self, node: str, now_ns: Callable[[], int] = monotonic_ns) -> None:
-        self.due_ns = now_ns()
+        self.due_ns = now_ns()  # of the next pulse, on the machine's monotonic clock
         self._node, self._now_ns = node, now_ns
         self._pause_count = 0
         self._pause_max_ns = 0

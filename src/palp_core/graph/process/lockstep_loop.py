@@ -33,11 +33,7 @@ class SharedRounds(Protocol):
 
 
 class LockstepNode:
-    """One node, and its part in a swap.
-
-    Attributes:
-        frames: What it has published and nobody has taken.
-    """
+    """One node, and its part in a swap."""
 
     def __init__(
         self,
@@ -51,7 +47,7 @@ class LockstepNode:
         fresh: bool = False,
         successor: bool = False,
     ) -> None:
-        self.frames: list[bytes] = []
+        self.frames: list[bytes] = []  # published and not handed on
         self.clock, self.answer = clock, answer
         self._publisher = sockets.publisher
         self.executor = Executor(load_class(spec.run, workspace, fresh=fresh), spec, clock, self._send)

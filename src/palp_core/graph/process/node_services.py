@@ -18,6 +18,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import about_params, describe_params
+from palp_core.graph.node.ports import Act, ActionClient, Client, Srv
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import action_of, part
 from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
@@ -75,7 +76,7 @@ class GoalsRequest(NodeRequest, frozen=True, kw_only=True):
 
 
 def describe_outputs(publishers: Mapping[str, PublisherEnd[Any]]) -> dict[str, dict[str, Any]]:
-    """Return what a node tells of its outputs."""
+    """Return what ``info`` has of a node's outputs."""
     return {
         name: {
             "type": out.message.__name__,
@@ -149,19 +150,19 @@ class NodeServices:
             "inputs": inputs,
             "outputs": describe_outputs(executor.ends.publishers),
             "services": {
-                name: [srv.request.__name__, srv.reply.__name__] for name, srv in declared.services.items()
+                name: [srv.request.__name__, srv.reply.__name__] for name, srv in declared.of(Srv).items()
             },
-            "clients": {name: executor.spec.inputs.get(name, "") for name in declared.clients},
+            "clients": {name: executor.spec.inputs.get(name, "") for name in declared.of(Client)},
             "actions": {
                 name: {
                     "types": [kind.__name__ for kind in act.messages],
                     "when_busy": act.when_busy,
                 }
-                for name, act in declared.actions.items()
+                for name, act in declared.of(Act).items()
             },
             "action_clients": {
                 name: action_of(executor.spec.inputs.get(part("status", name), ""))
-                for name in declared.action_clients
+                for name in declared.of(ActionClient)
             },
             "timers": {
                 name: {"rate_hz": end.rate_hz, "tick": end.k} for name, end in executor.ends.timers.items()
@@ -193,7 +194,7 @@ class NodeServices:
         executor = self._executor
         server = executor.ends.action_servers.get(request.action)
         if server is None:
-            known = ", ".join(executor.declaration.actions) or "none"
+            known = ", ".join(executor.declaration.of(Act)) or "none"
             raise GraphError(f"{executor.name} has no action '{request.action}'; it has: {known}")
         return {
             "goals": [
@@ -221,9 +222,10 @@ class NodeServices:
     def call(self, request: CallRequest) -> dict[str, Any]:
         """Let the node answer a service request; the request's id makes a repeated one harmless."""
         executor = self._executor
-        declared = executor.declaration.services.get(request.service)
+        services = executor.declaration.of(Srv)
+        declared = services.get(request.service)
         if declared is None:
-            known = ", ".join(executor.declaration.services) or "none"
+            known = ", ".join(services) or "none"
             raise GraphError(f"{executor.name} has no service '{request.service}'; it has: {known}")
         self._must_be_active()
         message = decode(declared.request, request.request)

@@ -101,10 +101,7 @@ HANDLER = "handler"
 
 
 class WorkReport(ChannelMessage, frozen=True):
-    """From a successor on probation, to its predecessor: so far all is well.
-
-    The predecessor publishes the frames, and can go on from here if the next handler fails.
-    """
+    """From a successor on probation, to its predecessor: publish the frames; it can go on from here."""
 
     hand_over: bytes  # the node as it is now, without what waits in its inbox
     frames: list[bytes]  # what it has published since the last report

@@ -73,15 +73,11 @@ class SharedSockets:
         """The process does."""
 
     def wait_until_unread(self, _: int, __: int) -> None:
-        """Nobody leaves."""
+        """No reader moves."""
 
 
 class WorkReporter:
-    """What a successor has done since it last reported.
-
-    Attributes:
-        frames: What it has published and not reported.
-    """
+    """What a successor has done since it last reported."""
 
     def __init__(self, executor: Executor) -> None:
         self.frames: list[bytes] = []
@@ -125,12 +121,7 @@ class WorkReporter:
 
 
 class SwapParticipant:
-    """A node's part in a swap.
-
-    Attributes:
-        silent: The node publishes nothing before it is committed.
-        left: Another process goes on with the node.
-    """
+    """A node's part in a swap."""
 
     def __init__(
         self,
@@ -153,8 +144,8 @@ class SwapParticipant:
         self._paused_ns, self._gap_s = 0, 0.0
         self._comparison: ShadowComparison | None = None
         self._eavesdropper: SubscriberSocket | None = None
-        self.silent = successor
-        self.left = False
+        self.silent = successor  # the node publishes nothing before it is committed
+        self.left = False  # another process goes on with the node
         if successor:
             sockets.publisher.hold()
             sockets.publisher.beats = False

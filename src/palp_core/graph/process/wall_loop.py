@@ -208,7 +208,7 @@ class WallLoop:
             self.receiver.deliver_next()
 
     def _pulse(self) -> None:
-        """Tell the supervisor that this loop turns, and how it does."""
+        """Send the supervisor this node's health: its loop turns."""
         executor = self.executor
         edges = {
             name: (executor.ends.subscriptions[name][0].account, buffer.latency)
@@ -240,7 +240,7 @@ class WallLoop:
             checkpoint.restore(self.executor, message.node)
         elif isinstance(message, control_messages.Shutdown):
             self.executor.transition(Transition.SHUTDOWN)
-            self.sockets.publisher.send_heartbeats()  # its last words: whoever has missed a message knows it
+            self.sockets.publisher.send_heartbeats()  # a reader that has missed a message knows it
             self.channel.send(control_messages.Done([], -1, self.executor.exit_code))
             self.close()
             return True
