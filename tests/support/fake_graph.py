@@ -94,7 +94,7 @@ class FakeGraph:
         self._start_ns = monotonic_ns()
         self.bus = LauncherNode(str(self.directory.path), self.now_ns)
         facts = {"graph_yaml": "graph: fake\n", "nodes": [], "workspace": str(workspace), "launch": {}}
-        self.bus.answer("launch", lambda _: facts)
+        self.bus.answer("launch", lambda: facts)
         self.nodes: list[FakeNode] = []
         self._said = ""
 

@@ -17,7 +17,7 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
-from palp_core.graph.supervision.launcher_node import EVENTS
+from palp_core.graph.node.spec import GRAPH_EVENTS
 from palp_core.graph.transport.requester_socket import ask
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp, short_folder
@@ -224,7 +224,7 @@ class Launched:
 
     def until(self, so: Callable[[], object]) -> None:
         """Wait until something is so: look again at each event and at each heartbeat of their topic."""
-        news = SubscriberSocket({EVENTS: f"ipc://{self.folder}/graph.pub"})
+        news = SubscriberSocket({GRAPH_EVENTS: f"ipc://{self.folder}/graph.pub"})
         try:
             while not so():
                 assert news.wait(PATIENCE_S), "the graph says nothing"

@@ -10,7 +10,7 @@ import psutil
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
-from palp_core.graph.supervision.launcher_node import EVENTS
+from palp_core.graph.node.spec import GRAPH_EVENTS
 from palp_core.graph.transport.requester_socket import ask
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp
@@ -47,13 +47,10 @@ class Talk(Node):
         ctypes.string_at(0)
 
     def flood(self):
-        for number in range(20_000):
-            print("line", number)
-        raise ValueError("enough")
-
-    def write_below_python(self):
         os.write(1, b"from below\\n")
         os.write(2, b"an error from below\\n")
+        for number in range(20_000):
+            print("line", number)
         raise ValueError("enough")
 '''
 
@@ -90,12 +87,12 @@ class Running:
 
     def events(self) -> list[GraphEvent]:
         """What has happened so far."""
-        frames = self.ask("history", topic=EVENTS, first=1, last=1000)["frames"]
+        frames = self.ask("history", topic=GRAPH_EVENTS, first=1, last=1000)["frames"]
         return [decode(GraphEvent, parse(frame).payload) for frame in frames]
 
     def wait_for(self, kind: str, node: str) -> GraphEvent:
         """Wait until something has happened to a node."""
-        news = SubscriberSocket({EVENTS: f"ipc://{self.folder}/graph.pub"})
+        news = SubscriberSocket({GRAPH_EVENTS: f"ipc://{self.folder}/graph.pub"})
         try:
             while True:
                 for event in self.events():

@@ -220,7 +220,7 @@ def test_another_run_is_not_taken_for_the_interrupted_one(
     with pytest.raises(GraphError) as refused:
         resume(file, *words)
     assert re.search(told, str(refused.value))
-    assert "resume it as it was, or begin anew" in str(refused.value)
+    assert "resume it as it was, or begin again" in str(refused.value)
     assert kept_in(file).read_bytes() == kept
 
 
@@ -292,20 +292,19 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     write(file)
-    run, said = resume(file), list[str]()
-    run.on_trouble = said.append
+    run = resume(file)
     text = f"no checkpoint can be written to {kept_in(file)}: No space left on device"
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "write_checkpoint", full)
-        for _ in range(2):
-            run.write(checked(file), {"echo": b"lost"}, 8, JournalEntries())
-    assert said == [text]
+        told = [run.write(checked(file), {"echo": b"lost"}, 8, JournalEntries()) for _ in range(2)]
+    assert told == [text, None]
+    assert run.write(checked(file), {"echo": b"later"}, 8, JournalEntries()) == ""
+    assert run.write(checked(file), KEPT, 7, JournalEntries()) is None
     assert [record.message for record in caplog.records] == [f"{text}; {checkpoint.RESUMES}"]
     run.close()
     again = resume(file)
     assert again.resumed is not None
     assert again.resumed.now_ns == 7
-    again.on_trouble = said.append
     again.write(checked(file), {"echo": b"kept"}, 9, JournalEntries())
     again.close()
     assert again.count == 1

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from palp_core.graph.launch.run_journal import GRAPH_EVENTS, RunJournal, last_set
+from palp_core.graph.launch.run_journal import RunJournal, last_set
 from palp_core.graph.messages.builtin import GraphEvent, MethodsUsed, MethodUse, NodeEvent
+from palp_core.graph.node.spec import GRAPH_EVENTS
 
 
 def swapped(at_s: float, before: str, after: str, **given: Any) -> GraphEvent:

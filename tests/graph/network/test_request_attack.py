@@ -173,7 +173,7 @@ def test_a_node_answers_or_refuses_whatever_is_asked(sockets: NodeSockets, count
 @COUNTS
 def test_the_launcher_answers_or_refuses_whatever_is_asked(tmp_path: Path, count: int) -> None:
     launcher = LauncherNode(str(tmp_path), lambda: 0)
-    launcher.answer("stop", lambda _: {})
+    launcher.answer("stop", dict)
     launcher.defer("swap", AskToSwap, lambda asked: {"node": asked.request.node})
     with contextlib.closing(launcher), Attacked(launcher._sockets, launcher.run_deferred) as attacked:
         attack(attacked, LAUNCHER, count)

@@ -216,6 +216,15 @@ def test_a_node_that_was_never_at_work_is_not_restarted(tmp_path: Path) -> None:
     assert ManagedProcess(restarted("a"), tmp_path / "a.log").plan_restart(0, "fell") == ""
 
 
+def test_a_node_that_is_restarted_or_silent_says_so_to_a_swap_that_needs_it(stage: Stage) -> None:
+    process = stage.processes[0]
+    assert process.absence() == ""
+    stage.turn(2 * HANG_NS)
+    assert process.absence().startswith("has sent no heartbeat for seconds")
+    stage.restarts.restart(0, "fell")
+    assert process.absence() == "is being restarted; ask again when it is active"
+
+
 @pytest.mark.parametrize("action", ["warn", "restart", "shutdown"])
 def test_a_broken_promise_is_acted_upon_as_the_launch_file_says(stage: Stage, action: str) -> None:
     event = Raised("deadline", "sample", "/a/sample", "nothing for 0.2 s", action)

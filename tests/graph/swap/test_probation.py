@@ -165,7 +165,7 @@ def test_the_command_tells_by_its_exit_status(stage: Stage) -> None:
     _nothing_was_lost_or_repeated(stage)
 
 
-@pytest.mark.expensive("a graph with two swaps, then its replay")
+@pytest.mark.nightly
 def test_a_record_replays_through_a_probation_that_failed(palp: Palp, launch: Path, tmp_path: Path) -> None:
     stage = Stage(palp, launch, *SLOW, "--record", tmp_path / "bag")
     assert _swap(stage, "Novice", deed="raise", after=100)["failed"]["step"] == "probation"

@@ -20,7 +20,6 @@ from palp_core.graph.transport.migration import read_move
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.stage import SLOW, Stage
-from tests.support.swapping import restarting_workspace
 
 EACH_STEP = [
     pytest.param("configure", marks=pytest.mark.nightly),
@@ -289,7 +288,7 @@ def test_a_listening_tool_follows_the_node(stage: Stage) -> None:
     listener.wait()
 
 
-@pytest.mark.parametrize("neighbour", ["sink", "source", "relay"])
+@pytest.mark.parametrize("neighbour", ["sink", pytest.param("source", marks=pytest.mark.nightly), "relay"])
 def test_a_neighbour_that_is_stopped_keeps_a_node_from_a_swap_at_once_and_misses_nothing(
     stage: Stage, neighbour: str
 ) -> None:
@@ -345,24 +344,7 @@ def test_a_second_swap_while_one_runs_hears_so_at_once(stage: Stage) -> None:
     assert stage.graph.ask("graph", "swap_progress")["node"] == ""
 
 
-@pytest.mark.parametrize(
-    "neighbour", ["sink", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("source", "relay"))]
-)
-def test_a_neighbour_that_is_restarted_keeps_a_node_from_a_swap_at_once(
-    palp: Palp, tmp_path: Path, neighbour: str
-) -> None:
-    launch = restarting_workspace(tmp_path) / "wall.yaml"
-    launch.write_text(launch.read_text().replace("backoff_s: 0.001", "backoff_s: 60.0"))
-    stage = Stage(palp, launch)
-    os.kill(stage.process_of(neighbour), signal.SIGKILL)
-    stage.wait_for("restarting", neighbour)
-    failed = stage.swap("LooseOther")["failed"]
-    assert failed["step"] == "start"
-    assert "is being restarted; ask again when it is at work" in failed["text"]
-
-
-def test_swaps_leave_no_descriptor_and_no_file_behind(own_stage: Stage) -> None:
-    stage = own_stage
+def test_swaps_leave_no_descriptor_and_no_file_behind(stage: Stage) -> None:
     processes = {name: psutil.Process(stage.process_of(name)) for name in ("sink", "asker", "source")}
     stage.swap("Other")
     before = {name: process.num_fds() for name, process in processes.items()}
@@ -373,7 +355,7 @@ def test_swaps_leave_no_descriptor_and_no_file_behind(own_stage: Stage) -> None:
     for name, process in processes.items():
         while process.num_fds() > before[name] + 2:  # a connection may be closing
             stage.passes(20)
-    while len(list(stage.folder.glob("+*"))) > 2:
+    while len(list(stage.folder.glob("+*"))) > 4:  # of relay, and of asker, which another test may swap
         stage.passes(20)
     assert not list(stage.folder.glob("description[0-9]*"))
 

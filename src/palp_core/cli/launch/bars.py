@@ -1,4 +1,4 @@
-"""The bars of the launch view on a terminal, and what stands below them."""
+"""The bars of the launch view on a terminal, and the lines below them."""
 
 import sys
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from palp_core.cli.output import own_stream
 
 
 class Bars(Progress):
-    """A bar per phase; while a node reports a fault, that too, and the bars' time stands."""
+    """A bar per phase; while a node reports a fault, that too, and the bars' time stops."""
 
     def __init__(self) -> None:
         self._lines: dict[str, Text] = {}
@@ -28,7 +28,7 @@ class Bars(Progress):
             redirect_stdout=not of_nodes,
             redirect_stderr=not of_nodes,
         )
-        for stream in of_nodes:  # what palp itself writes stands above the bars
+        for stream in of_nodes:  # what palp itself writes is above the bars
             stream.launcher_stream = FileProxy(self.console, stream.launcher_stream)
 
     def get_renderables(self) -> Iterable[RenderableType]:
@@ -45,7 +45,7 @@ class Bars(Progress):
         self._lines.pop(key, None)
         if line:
             self._lines[key] = Text(line, style=style)
-        for task in self.tasks:  # a stopped task's time stands; it goes on as if it had not stood
+        for task in self.tasks:  # a stopped task's time stops; it goes on as if it had not
             if self._lines and task.stop_time is None:
                 self.stop_task(task.id)
             elif not self._lines and not task.finished:

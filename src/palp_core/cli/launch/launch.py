@@ -6,8 +6,8 @@ import faulthandler
 import json
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -126,11 +126,11 @@ def _run(file: Path, digest: Path | None, *, in_browser: bool, operate: bool, **
     of_topics = None if digest is None else TopicDigest()
     graph = Graph(file, observe=of_topics, started=started, show_log=show_log_line, **options)
     graph.observers.add(Progress, view.show_progress)
-    graph.journal.on_incident = lambda topic, incident: view.show_diagnostic(
-        topic, _addressed(graph, incident)
-    )
+    graph.journal.on_incident = lambda topic, found: view.show_diagnostic(topic, _addressed(graph, found))
     try:
-        with _recordings_printed(graph), graph:
+        with ExitStack() as ending:
+            ending.callback(_print_recordings, graph)
+            ending.enter_context(graph)
             _check_levels(options["log_level"], [spec.name for spec in graph.checked.nodes])
             if len(running()) > 1:
                 run = graph.directory.path.name
@@ -138,12 +138,11 @@ def _run(file: Path, digest: Path | None, *, in_browser: bool, operate: bool, **
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
-            with (
-                shown_by_viewer(graph.directory.path.name, operate=operate) if in_browser else nullcontext(),
-                _digest_written(digest, of_topics),
-                view.showing(graph.checked),
-                stop_key(graph),
-            ):
+            if in_browser:
+                ending.enter_context(shown_by_viewer(graph.directory.path.name, operate=operate))
+            if digest is not None and of_topics is not None:
+                ending.callback(_write_digest, digest, of_topics)
+            with view.showing(graph.checked), stop_key(graph):
                 summary = graph.run()
     except Interrupted as stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more does not change how it ended
@@ -204,24 +203,13 @@ def _note_incidents(graph: Graph) -> None:
         note(str(incident))
 
 
-@contextmanager
-def _digest_written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
-    """Write the digest, if there is one, however the run ends."""
-    try:
-        yield
-    finally:
-        if file is not None and digest is not None:
-            write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
+def _write_digest(file: Path, digest: TopicDigest) -> None:
+    write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
 
 
-@contextmanager
-def _recordings_printed(graph: Graph) -> Iterator[None]:
-    """Print what became of a graph's recordings, however it ends."""
-    try:
-        yield
-    finally:
-        if graph.recorders.text:
-            print_text(graph.recorders.text)
+def _print_recordings(graph: Graph) -> None:
+    if graph.recorders.text:
+        print_text(graph.recorders.text)
 
 
 def _print_report(graph: Graph) -> None:

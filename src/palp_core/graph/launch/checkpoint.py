@@ -34,16 +34,13 @@ RESUMES = "the run goes on, and could be resumed where the last one was written"
 _LOG = logging.getLogger("palp.supervisor")
 _MAGIC = b"palp checkpoint 2\n"
 _DIGEST_BYTES = 32
-_ELSEWHERE = "or begin anew, in another place"
+_ELSEWHERE = "or begin again, in another place"
 _MISSING = object()
 _PALP_CORE = "palp_core"
 
 
 def facts_of(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, Any]:
-    """Return what must be as it was for a run to go on, each by what messages call it.
-
-    ``runs`` are classes that have taken over nodes' work.
-    """
+    """Return what must be as it was for a run to go on; ``runs`` are classes that have taken over."""
     facts: dict[str, Any] = {"the clock": checked.clock, "the seed": checked.seed}
     facts |= {f"argument {name}": value for name, value in checked.args.items() if name != "seed"}
     facts |= {
@@ -85,11 +82,7 @@ class KeptNode(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run at one instant.
-
-    Attributes:
-        attached: Texts that the report keeps with all that is recorded of the run, by name.
-    """
+    """A run at one instant."""
 
     facts: dict[str, Any]
     given: list[str]
@@ -124,7 +117,7 @@ def read_checkpoint(path: Path) -> KeptRun:
     if not head.startswith(_MAGIC):
         raise GraphError(f"{path} was written by another version of palp; resume it with that, {_ELSEWHERE}")
     if head[len(_MAGIC) :] != hashlib.sha256(body).digest():
-        raise GraphError(f"{path} is torn: a part of it is missing or wrong; nothing is resumed: begin anew")
+        raise GraphError(f"{path} is torn: a part of it is missing or wrong; nothing is resumed: begin again")
     try:
         return msgspec.msgpack.decode(body, type=KeptRun)
     except msgspec.MsgspecError as error:
@@ -132,11 +125,7 @@ def read_checkpoint(path: Path) -> KeptRun:
 
 
 class Checkpoints:
-    """The checkpoints of one run.
-
-    Attributes:
-        on_trouble: Called with why a checkpoint could not be written, and with "" once one could again.
-    """
+    """The checkpoints of one run."""
 
     def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:
         keys = checked.checkpoint
@@ -154,7 +143,7 @@ class Checkpoints:
         self._runs: set[str] = set()
         self._lock = -1
         self._failed = ""
-        self.on_trouble: Callable[[str], None] = lambda _: None
+        self._gathered: dict[int, dict[str, bytes]] = {}
         self.resumed: KeptRun | None = None
         if resume and self.path is not None:
             if self.path.exists():  # else there may be no folder either
@@ -204,7 +193,7 @@ class Checkpoints:
             return
         if self.path.exists() and not self._launched.report:
             raise GraphError(
-                f"{self.path} is of an unfinished run: --resume goes on with it; remove it to begin anew"
+                f"{self.path} is of an unfinished run: --resume goes on with it; remove it to begin again"
             )
         self._hold()
 
@@ -224,10 +213,24 @@ class Checkpoints:
             checked = replaced(checked, spec, found, kept.params)
         return checked
 
+    def gather(self, name: str, sequence: int, node: bytes) -> Mapping[str, bytes]:
+        """Take a node that was written down at a message; return all, once all are there."""
+        wanted = {spec.name for spec in self._launched.spawned if spec.keeps_at}
+        gathered = self._gathered.setdefault(sequence, {})
+        gathered[name] = node
+        if not gathered.keys() >= wanted:
+            return {}
+        self._gathered = {at: nodes for at, nodes in self._gathered.items() if at > sequence}
+        return gathered
+
     def write(
         self, checked: CheckedGraph, kept: Mapping[str, bytes], now_ns: int, journal: JournalEntries
-    ) -> None:
-        """Write a checkpoint; if that fails, the one before stays, and it is reported once."""
+    ) -> str | None:
+        """Write a checkpoint; if that fails, the one before stays.
+
+        Returns:
+            Why it failed, "" where it succeeds again, None where neither is news.
+        """
         assert self.path is not None
         nodes = [
             KeptNode(name=spec.name, run=spec.run, params=spec.params, kept=kept[spec.name])
@@ -250,15 +253,14 @@ class Checkpoints:
             write_checkpoint(self.path, checkpoint)
         except OSError as error:
             text = f"no checkpoint can be written to {self.path}: {error.strerror or error}"
-            if text != self._failed:
-                _LOG.warning("%s; %s", text, RESUMES)
-                self.on_trouble(text)
+            if text == self._failed:
+                return None
+            _LOG.warning("%s; %s", text, RESUMES)
             self._failed = text
-            return
-        if self._failed:
-            self._failed = ""
-            self.on_trouble("")
+            return text
         self.count += 1
+        failed, self._failed = self._failed, ""
+        return "" if failed else None
 
     def command(self, file: Path) -> str:
         """Return the command by which the run of a launch file, which has ended, goes on; "" if it cannot."""
@@ -288,22 +290,6 @@ class Checkpoints:
                 self.path.with_name(f".{self.path.name}.lock").unlink(missing_ok=True)
         os.close(self._lock)
         self._lock = -1
-
-
-class CheckpointWriter:
-    """Gathers what the named nodes write down, and writes a checkpoint once all are there for one message."""
-
-    def __init__(self, wanted: Iterable[str], write: Callable[[Mapping[str, bytes]], None]) -> None:
-        self._wanted, self._write = set(wanted), write
-        self._kept: dict[int, dict[str, bytes]] = {}
-
-    def take(self, name: str, sequence: int, node: bytes) -> None:
-        """Take a node that was written down at a message."""
-        kept = self._kept.setdefault(sequence, {})
-        kept[name] = node
-        if kept.keys() >= self._wanted:
-            self._kept = {at: nodes for at, nodes in self._kept.items() if at > sequence}
-            self._write(kept)
 
 
 def _shown(value: Any) -> str:

@@ -20,14 +20,22 @@ from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.checking import ask_report, check_in
-from palp_core.graph.launch.checkpoint import RESUMES, Checkpoints, CheckpointWriter
+from palp_core.graph.launch.checkpoint import RESUMES, Checkpoints
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.observers import MessageObservers
 from palp_core.graph.launch.run_journal import RunJournal
 from palp_core.graph.launch.runs import LockstepRun, WallRun
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.lockstep.conductor import Observer
-from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, MethodsUsed, NodeEvent
+from palp_core.graph.messages.builtin import (
+    DiagnosticStatus,
+    GraphEvent,
+    GraphHealth,
+    MethodsUsed,
+    NodeEvent,
+    NodeHealth,
+    Swap,
+)
 from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
@@ -42,8 +50,6 @@ from palp_core.graph.swap.swap import AskToSwap, SwapRequest
 from palp_core.graph.workspaces.underlays import launch_path
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from palp_core.graph.description.checked import CheckedGraph
     from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.process.control_messages import Done
@@ -100,6 +106,8 @@ class Graph:
         self.observers.add(MethodsUsed, self.journal.observe_methods)
         self.observers.add(GraphEvent, self.journal.observe_event)
         self.observers.add(NodeEvent, self.journal.observe_event)
+        self.observers.add(GraphHealth, self._note_cpu)
+        self.observers.add(Swap, self._plan_asked)
         self.gateway: GatewayHandle | None = None
         self._started, self._name, self._resume = started, name, resume
         self._compose = compose
@@ -124,6 +132,10 @@ class Graph:
             stack.callback(server.close)
             try:
                 self._check(stack, server)
+                self.launcher_node = LauncherNode(
+                    str(self.directory.path), self._now_ns, observe=self._keep_frame, joined=self._joined
+                )
+                stack.callback(self.launcher_node.close)
                 self._prepare(stack, server)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
@@ -131,8 +143,6 @@ class Graph:
                 raise
             stack.callback(self.recorders.close)
             stack.enter_context(self._showing_log())
-            self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
-            stack.callback(self.launcher_node.close)
             self.recorders.launcher_node = self.launcher_node
             self._answer_tools()
             self._run = self._start_composed(stack, server) if self._compose else self._start(stack, server)
@@ -176,18 +186,13 @@ class Graph:
         self.recorders = Recorders(self.checked, self.record, resumed=resumed is not None)
         self.checked = msgspec.structs.replace(self.checked, nodes=self.recorders.nodes)
         self.observers.follow(self.checked)
-        self.checkpoints.on_trouble = lambda text: self.journal.add_own(text, RESUMES, self._now_ns())
         self._open_gateway(stack)
 
     def _answer_tools(self) -> None:
         node = self.launcher_node
-        if (gateway := self.gateway) is not None:
-            node.joined = lambda: gateway.health
-        node.record_event = lambda frame: self._keep_frame(self._now_ns(), frame)
-        node.on_health = lambda nodes: self._cpu_s.update((n.node, n.cpu_s) for n in nodes)
-        node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
-        node.answer("launch", lambda _: launch_provenance(self.checked))
-        node.answer("summary", lambda _: {"summary": msgspec.to_builtins(self._summary())})
+        node.answer("stop", lambda: self._interrupt.asked(self.checked.graph))
+        node.answer("launch", lambda: launch_provenance(self.checked))
+        node.answer("summary", lambda: {"summary": msgspec.to_builtins(self._summary())})
 
     def _start_composed(self, stack: contextlib.ExitStack, server: ForkServer) -> LockstepRun:
         from palp_core.graph.lockstep.composition import composed
@@ -198,9 +203,10 @@ class Graph:
         return LockstepRun(nodes, self.checked, self._show, self._between_instants)
 
     def _start(self, stack: contextlib.ExitStack, server: ForkServer) -> LockstepRun | WallRun:
-        from palp_core.graph.supervision.supervisor import Supervisor
+        from palp_core.graph.supervision.supervisor import Listeners, Supervisor
 
         checked, folder = self.checked, self.directory.path
+        listeners = Listeners(self._show, self._announce, self._serve, checkpoint=self._gather_checkpoint)
         supervisor = self._supervisor = Supervisor(
             checked.spawned,
             checked.clock,
@@ -208,15 +214,14 @@ class Graph:
             folder,
             server,
             self._interrupt,
-            self._show,
             self.launcher_node,
+            listeners,
             self._levels,
         )
         stack.callback(supervisor.close)
         if self.gateway is not None:
             self.gateway.follow(supervisor)
         supervisor.start()
-        supervisor.on_new_process, supervisor.on_turn = self._announce, self._serve
         if checked.clock == "sim":
             return LockstepRun(supervisor, checked, self._show, self._between_instants)
         return WallRun(supervisor, checked, self.gateway)
@@ -227,15 +232,15 @@ class Graph:
         folder, report = self.directory.path, self.launcher_node.report
         self.swaps = Swapper(self.checked, run.nodes, folder, self._now_ns, self._swapped, report)
         self.swaps.conductor = run.conductor
-        self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
+        self.launcher_node.answer("swap_progress", self.swaps.progress)
         self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
 
     def _open_gateway(self, stack: contextlib.ExitStack) -> None:
         if (address := self._listen or self.checked.listen) or self.checked.expected:
             from palp_core.graph.network.gateway_handle import GatewayHandle
 
-            report = lambda *event, **data: self.launcher_node.report(*event, **data)  # noqa: E731
-            self.gateway = GatewayHandle(address, self.checked, self.directory.path, report, self._announce)
+            folder, report = self.directory.path, self.launcher_node.report
+            self.gateway = GatewayHandle(address, self.checked, folder, report, self._announce)
             stack.callback(self.gateway.close, "the graph has failed", finished=False)
 
     def _showing_log(self) -> contextlib.AbstractContextManager[None]:
@@ -265,10 +270,11 @@ class Graph:
             self._stack.callback(begun.close)
         self.checkpoints.begin()
         self._begun = True
-        if isinstance(self._run, WallRun):
-            self._keep_and_resume(self._run)
-        count, resumed = len(self.checked.spawned), self.checkpoints.resumed is not None
-        announcing = self.launcher_node.announcing(self.checked.graph, count, resumed=resumed)
+        if (found := self.checkpoints.resumed) is not None and isinstance(self._run, WallRun):
+            self.journal.restore(found.journal)
+            self._run.resume({node.name: node.kept for node in found.nodes}, found.now_ns)
+        count = len(self.checked.spawned)
+        announcing = self.launcher_node.announcing(self.checked.graph, count, resumed=found is not None)
         exit_code = self._run.go(None if until_s is None else round(until_s * 1e9), announcing)
         ended = "" if exit_code == 0 else f"a node ended the run with exit code {exit_code}"
         self.summary = self._outcome(exit_code, ended)
@@ -278,19 +284,13 @@ class Graph:
             self.summary = self._reported(self.summary)
         return self.summary
 
-    def _keep_and_resume(self, run: WallRun) -> None:
-        """Write checkpoints from now on; hand the nodes what they were at the one that is resumed."""
-        supervisor = self._supervisor
-        assert supervisor is not None
-        if wanted := [spec.name for spec in self.checked.spawned if spec.keeps_at]:
-            supervisor.on_kept = CheckpointWriter(wanted, self._write_checkpoint).take
-        if (found := self.checkpoints.resumed) is not None:
-            self.journal.restore(found.journal)
-            supervisor.restores = {node.name: node.kept for node in found.nodes}
-            run.gone_ns = found.now_ns
-
-    def _write_checkpoint(self, kept: Mapping[str, bytes]) -> None:
-        self.checkpoints.write(self.checked, kept, self._now_ns(), self.journal.entries)
+    def _gather_checkpoint(self, name: str, sequence: int, node: bytes) -> None:
+        """Take a node that was written down; write a checkpoint once all are there."""
+        if kept := self.checkpoints.gather(name, sequence, node):
+            now_ns = self._now_ns()
+            trouble = self.checkpoints.write(self.checked, kept, now_ns, self.journal.entries)
+            if trouble is not None:
+                self.journal.add_own(trouble, RESUMES, now_ns)
 
     def _summary(self, **outcome: Any) -> RunSummary:
         entries = self.journal.entries
@@ -345,9 +345,17 @@ class Graph:
         """Return the time on the graph's clock; 0 before it starts."""
         return 0 if self._run is None else self._run.now_ns
 
+    def _note_cpu(self, _: int, __: str, health: GraphHealth) -> None:
+        self._cpu_s |= {node.node: node.cpu_s for node in health.nodes}
+
+    def _plan_asked(self, now_ns: int, name: str, asked: Swap) -> None:
+        self.swaps.plan_asked(now_ns, name, asked)
+
+    def _joined(self) -> list[NodeHealth]:
+        return [] if self.gateway is None else self.gateway.health
+
     def _show(self, now_ns: int, frame: bytes) -> None:
         self._observe(now_ns, frame)
-        self.swaps.observe(now_ns, frame)
         self._keep_frame(now_ns, frame)
 
     def _keep_frame(self, now_ns: int, frame: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Lines of a run's log as they come, for whoever shows them; in a thread: a terminal holds up no graph."""
+"""Lines of a run's log as they come, for the terminal; on a thread: a slow terminal holds up no graph."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ from palp_core.graph.log_format import ENDS_NODE
 from palp_core.graph.supervision.logs import LogLevels, levels_of
 
 MOST_PER_S = 100
-"""Lines shown of a second; how many more there are is said (assumed: nobody reads faster)."""
+"""Lines shown of a second; the others are counted (assumed: no person reads faster)."""
 
 SECOND_NS = 1_000_000_000
 LAST_WORDS_S = 2.0

@@ -10,9 +10,7 @@ import msgspec
 
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, MethodUse
-from palp_core.graph.node.spec import LAUNCHER, topic
-
-GRAPH_EVENTS = topic(LAUNCHER, "events")
+from palp_core.graph.node.spec import GRAPH_EVENTS, LAUNCHER
 
 
 class Incident(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,42 +34,29 @@ class Incident(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MethodSpan(msgspec.Struct, frozen=True, kw_only=True):
-    """A method, and how long a node used it.
-
-    Attributes:
-        until_s: When another took its place, or the node had no more use for it; None if that never was.
-    """
+    """A method, and how long a node used it."""
 
     node: str
     at_s: float
-    until_s: float | None = None
+    until_s: float | None = None  # None: until the end
     use: MethodUse
 
 
 class RunChange(msgspec.Struct, frozen=True):
-    """A node was no longer what it had been.
-
-    Attributes:
-        before: Its class until then; "" where only parameters were set.
-    """
+    """Another class took a node's place, or parameters were set."""
 
     node: str
     at_s: float
-    before: str = ""
+    before: str = ""  # its class until then; "" where only parameters were set
     run: str = ""
     params: dict[str, Any] = {}
 
 
 class JournalEntries(msgspec.Struct, kw_only=True):
-    """What a journal holds.
-
-    Attributes:
-        standing: The place among these of each that is not over, by topic.
-        methods: In the order in which they were reported; reported again unchanged, as by a successor, once.
-    """
+    """What a journal holds."""
 
     incidents: list[Incident] = []
-    standing: dict[str, int] = {}
+    standing: dict[str, int] = {}  # by topic, the place among these of each that is not over
     methods: list[MethodSpan] = []
     changes: list[RunChange] = []
 
@@ -159,7 +144,7 @@ class RunJournal:
 
 
 def last_set(changes: Sequence[RunChange], node: str) -> dict[str, Any]:
-    """Return what was set of a node's parameters since its class was at work, by name."""
+    """Return what was set of a node's parameters since its class took its place, by name."""
     found: dict[str, Any] = {}
     for change in changes:
         if change.node == node:

@@ -53,18 +53,18 @@ class LockstepRun:
 
 
 class WallRun:
-    """A run on the machine's clock.
-
-    Attributes:
-        gone_ns: Time on the graph's clock of the run that it goes on with.
-    """
+    """A run on the machine's clock."""
 
     activation_count = 0
 
     def __init__(self, supervisor: Supervisor, checked: CheckedGraph, gateway: GatewayHandle | None) -> None:
         self._supervisor, self._gateway = supervisor, gateway
         self._order, self.nodes, self.conductor = end_order(checked.spawned), supervisor, None
-        self.gone_ns = 0
+        self._gone_ns = 0
+
+    def resume(self, nodes: dict[str, bytes], gone_ns: int) -> None:
+        """Go on where a run was interrupted: its nodes by name, its time on the graph's clock."""
+        self._supervisor.restores, self._gone_ns = nodes, gone_ns
 
     @property
     def now_ns(self) -> int:
@@ -73,12 +73,12 @@ class WallRun:
         return monotonic_ns() - start_ns if start_ns else 0
 
     def clock_s(self, wall_s: float) -> float:
-        return wall_s + self.gone_ns / 1e9
+        return wall_s + self._gone_ns / 1e9
 
     def go(self, until_ns: int | None, announcing: AbstractContextManager[None]) -> int:
         """Activate, work, and bring every node to its safe state; return the exit code."""
         with ended_after(lambda index: self._supervisor.shutdown(index, 0), self._order), announcing:
-            start_ns = monotonic_ns() - self.gone_ns
+            start_ns = monotonic_ns() - self._gone_ns
             if self._gateway is not None:
                 self._gateway.activate(start_ns)
             exit_code = self._supervisor.run_wall(until_ns, start_ns)
@@ -87,7 +87,7 @@ class WallRun:
             return exit_code
 
     def replace(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
-        """Go on with another node in the place of one: its readers have been told by the swap."""
+        """Go on with another node in the place of one: the swap has moved its readers."""
 
 
 def end_order(nodes: Sequence[NodeSpec]) -> list[int]:

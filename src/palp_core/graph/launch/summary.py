@@ -15,7 +15,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     """How a run went; handed to the launch file's report function.
 
     Attributes:
-        run: Tells the runs of a host apart.
+        run: Id of the run on this host.
         args: The launch file's arguments as resolved.
         given: Those that were given, ``name:=value``.
         resumed_count: How often the run was interrupted and went on from a checkpoint.
@@ -24,15 +24,15 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         listens: Topics that each node reads, by node.
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
-        activation_count: How often a node was given work, in lockstep; None where nobody counted.
+        activation_count: How often a node was given work, in lockstep; None where it was not counted.
         exit_code: 0 if the run came to its end, with its report; negative where it did not say how it ended.
-        ended: Why it did not come to its end, in words; "" where it did.
-        incidents: What nodes said was wrong, in time's order.
+        ended: Why it did not come to its end; "" where it did.
+        incidents: What nodes reported as wrong, in time's order.
         attached: Texts that the report function wants kept with all that is recorded of the run, by name.
         cpu_s: CPU time of each node's process; of those that were asked, on the wall clock.
-        methods: Which methods nodes said they use, and from when on, in time's order.
+        methods: Which methods nodes reported, and from when on, in time's order.
         changes: Classes that took a node's place, and parameters that were set, in time's order.
-        report: What the launch file's report function says in words; "" if there is none.
+        report: Text of the launch file's report function; "" if there is none.
     """
 
     graph: str

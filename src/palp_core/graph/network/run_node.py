@@ -24,7 +24,7 @@ from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted, ended_after
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record_of_node
-from palp_core.graph.supervision.supervisor import Supervisor
+from palp_core.graph.supervision.supervisor import Listeners, Supervisor
 
 Say = Callable[[str], None]
 
@@ -60,9 +60,6 @@ def run_node(
         launcher_node = stack.enter_context(
             contextlib.closing(LauncherNode(str(folder.path), lambda: _now_ns(supervisor)))
         )
-        supervisor = Supervisor(
-            [spec], "wall", str(workspace), folder.path, server, interrupt, lambda *_: None, launcher_node
-        )
 
         def announce() -> None:
             """Let this host's tools find the node."""
@@ -70,11 +67,23 @@ def run_node(
             launcher_node.record = run_record_of_node(spec, topics, folder, supervisor.processes[0].pid)
             folder.write(launcher_node.record)
 
+        def report(health: bytes) -> None:
+            if remote is not None:
+                remote.send(join_protocol.HealthReport(health=health))
+
+        listeners = Listeners(new_process=announce, health=report)
+        supervisor = Supervisor(
+            [spec], "wall", str(workspace), folder.path, server, interrupt, launcher_node, listeners
+        )
         announce()
-        supervisor.on_new_process = announce
         stack.callback(supervisor.close)
         stack.enter_context(ended_after(lambda index: supervisor.shutdown(index, 0), [0]))
-        code = _supervise(supervisor) if remote is None else _supervise_joined(supervisor, remote, say)
+        if remote is None:
+            supervisor.start()
+            announce()
+            code = supervisor.run_wall()
+        else:
+            code = _supervise_joined(supervisor, remote, say)
     if code == 0:
         folder.remove()
     return code
@@ -137,12 +146,6 @@ def _run_and_name(run: str, name: str | None) -> tuple[str, str]:
     return run, name
 
 
-def _supervise(supervisor: Supervisor) -> int:
-    supervisor.start()
-    supervisor.on_new_process()
-    return supervisor.run_wall()
-
-
 def _supervise_joined(supervisor: Supervisor, remote: JoinedGraph, say: Say) -> int:
     """Run a node as part of the graph it has joined; return its exit status, and leave what to say there."""
 
@@ -152,7 +155,6 @@ def _supervise_joined(supervisor: Supervisor, remote: JoinedGraph, say: Say) -> 
             supervisor.forget(remote.descriptor)
             supervisor.exit_code = 0 if remote.lost.finished else 1
 
-    supervisor.on_health = lambda health: remote.send(join_protocol.HealthReport(health=health))
     supervisor.watch(remote.descriptor, receive)
     try:
         supervisor.start()

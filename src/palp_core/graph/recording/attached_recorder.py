@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from palp_core.graph.node.spec import RECORDER
 from palp_core.graph.process.node_services import CallRequest
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_params import RecorderParams
+from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.request_server import NodeOperation
 from palp_core.graph.transport.requester_socket import ask
@@ -34,7 +34,6 @@ def record_until_asked(
 
     Return whether nothing is missing, and what to say.
     """
-    received: list[int] = []
 
     def save(_: CallRequest) -> dict[str, Any]:
         try:
@@ -44,13 +43,13 @@ def record_until_asked(
         say(text)
         return {"reply": {"text": text}}
 
-    with _noting_signals(received):
+    with Interrupt(breaks_in=False) as interrupt:  # a bag is closed as a whole
         recorder = LiveRecorder(graph, params, say, from_start=False)
         serving = _serving(graph, save) if params.snapshot_s else contextlib.nullcontext()
         with serving as sockets:
             try:
-                recorder.await_topics(lambda: bool(received))
-                while not (received or recorder.feed.ended):
+                recorder.await_topics(lambda: interrupt.requested)
+                while not (interrupt.requested or recorder.feed.ended):
                     recorder.turn()
                     if sockets is not None:
                         sockets.poll()
@@ -60,20 +59,9 @@ def record_until_asked(
             except BaseException:
                 recorder.close(patient=False)
                 raise
-            summary = recorder.close(patient=not received)
+            summary = recorder.close(patient=not interrupt.requested)
     text = f"received {summary.text()}" if params.snapshot_s else f"{params.out}: {summary.text()}"
     return summary.complete, text
-
-
-@contextlib.contextmanager
-def _noting_signals(received: list[int]) -> Iterator[None]:
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, lambda number, _: received.append(number)) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

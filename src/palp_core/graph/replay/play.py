@@ -182,7 +182,7 @@ class PlayRun:
             stack.callback(self._sockets.close)
             self._launcher = LauncherNode(where, playback.clock.now_ns)
             stack.callback(self._launcher.close)
-            self._launcher.answer("stop", lambda _: self._stop())
+            self._launcher.answer("stop", self._stop)
             playback.send = self._sockets.publisher.send
             messages = {}
             for node, executor in playback.executors.items():

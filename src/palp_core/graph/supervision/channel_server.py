@@ -26,7 +26,7 @@ class ChannelServer:
         self._index_of: dict[int, int] = {}
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
-        path.chmod(PRIVATE)  # nobody gets in before it listens
+        path.chmod(PRIVATE)  # before it listens
         self._listener.listen(len(self._names) + 8)
         self._handlers: dict[int, Callable[[], None]] = {}
         self._poll = select.poll()
@@ -74,7 +74,7 @@ class ChannelServer:
         return self._channels[index].incoming_bytes if index in self._channels else 0
 
     def wait(self, timeout_s: float) -> tuple[list[tuple[int, FromNode]], set[int]]:
-        """Wait until somebody says something; return what nodes said, and the ready ones of the others."""
+        """Wait until something is ready; return nodes' messages, and the ready ones of the others."""
         received: list[tuple[int, FromNode]] = []
         others: set[int] = set()
         for descriptor, events in self._poll.poll(timeout_s * 1e3):
@@ -104,7 +104,7 @@ class ChannelServer:
         self._poll.modify(channel.socket.fileno(), select.POLLIN)
 
     def _receive(self, index: int) -> Iterator[FromNode]:
-        """Yield what a node has said; disconnect at the end of its channel."""
+        """Yield a node's messages; disconnect at the end of its channel."""
         channel = self._channels[index]
         try:
             channel.fill(socket.MSG_DONTWAIT)
@@ -114,7 +114,7 @@ class ChannelServer:
             yield channel.receive()
 
     def drain(self, index: int) -> Iterator[FromNode]:
-        """Yield what a node that has ended has still said, even if a child of it holds the channel."""
+        """Yield the last messages of a node that has ended, even if a child of it holds the channel."""
         while index in self._channels:
             yield from self._receive(index)
 

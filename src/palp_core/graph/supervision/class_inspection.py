@@ -70,19 +70,14 @@ class Inspected(ChannelMessage, frozen=True):
 
 
 class Inspection:
-    """What an inspecting child has sent.
-
-    Attributes:
-        pid: Its process id; 0 before it has begun.
-        killed: It was silent for too long, and did not end itself.
-    """
+    """What an inspecting child has sent."""
 
     def __init__(self) -> None:
-        self.pid = 0
+        self.pid = 0  # before it has begun
         self.answers: list[NodeClass] = []
         self.status: int | None = None
         self.output = ""
-        self.killed = False
+        self.killed = False  # it was silent for too long, and did not end itself
 
     def add(self, message: Inspected) -> None:
         if message.pid == self.pid:

@@ -75,8 +75,8 @@ def _redirect(output: int) -> None:
 def apply_scheduling(name: str, cpus: Sequence[int], realtime_priority: int) -> None:
     """Move the process to the cores and the scheduler that its launch entry asks for.
 
-    Before the node begins, so that its threads inherit both. What the host refuses is said, with the limit
-    and how to raise it, and the node goes on without.
+    Before the node begins, so that its threads inherit both. What the host refuses is logged, with the
+    limit and how to raise it, and the node goes on without.
     """
     if not cpus and not realtime_priority:
         return

@@ -200,7 +200,7 @@ class ForkServer:
                     return
 
     def _readable(self, timeout_s: float) -> bool:
-        """Wait for events of children, or for the user; tell whether there are events."""
+        """Wait for events of children, or for the user; return whether there are events."""
         wanted = [self.descriptor, *([self._interrupt.descriptor] if self._interrupt is not None else [])]
         ready = select.select(wanted, (), (), timeout_s)[0]
         if self._interrupt is not None:
@@ -435,7 +435,7 @@ def _next_gone() -> tuple[int, int] | None:
         return None
     if found is None:
         return None
-    with contextlib.suppress(OSError):  # while it is not yet reaped, its number is nobody else's
+    with contextlib.suppress(OSError):  # until it is reaped, no other process has its number
         os.killpg(found.si_pid, signal.SIGKILL)
     _, status = os.waitpid(found.si_pid, 0)
     return found.si_pid, os.waitstatus_to_exitcode(status)

@@ -1,7 +1,6 @@
 """Ctrl-C, SIGTERM and a closed terminal as an event that is looked at between two pieces of work.
 
-Never in the middle of one, unless that one does not end: asked a second time, half a second later, the event
-breaks into whatever has not looked at the first.
+A second request, half a second later, breaks into work that has not looked at the first.
 """
 
 import contextlib
@@ -31,13 +30,18 @@ class Interrupted(KeyboardInterrupt):
 class Interrupt:
     """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable.
 
+    Args:
+        breaks_in: A second request raises in the middle of the work.
+
     Attributes:
         asked_by: Returns what has asked for the end, or "" if nothing but a signal did.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, breaks_in: bool = True) -> None:
+        self._breaks_in = breaks_in
         self.second_request = False
         self.asked_by: Callable[[], str] = str
+        self._asked_here = ""
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
             os.set_blocking(end, False)
@@ -71,15 +75,20 @@ class Interrupt:
         self.second_request = self.second_request or second
         with contextlib.suppress(BlockingIOError):
             os.write(self._write, b"!")
-        if second and not self._raised:
+        if second and self._breaks_in and not self._raised:
             self.check()
+
+    @property
+    def requested(self) -> bool:
+        """Whether the end was asked for."""
+        return self._received is not None
 
     def request(self) -> None:
         self._note(signal.SIGINT, None)
 
     def asked(self, whose: str) -> dict[str, Any]:
         """End as by Ctrl-C, for a tool that asks; return what to answer."""
-        self.asked_by = lambda: "a request to its launcher"
+        self._asked_here = "a request to its launcher"
         self.request()
         return {"ending": whose}
 
@@ -87,7 +96,7 @@ class Interrupt:
         """Raise :class:`Interrupted` if a signal has come."""
         if self._received is not None:
             self._raised = True
-            raise Interrupted(self._received, self.asked_by())
+            raise Interrupted(self._received, self._asked_here or self.asked_by())
 
     def drain(self) -> None:
         """Make the descriptor quiet again."""

@@ -1,4 +1,4 @@
-"""What the launcher itself says: ``/graph/events`` and ``/graph/health``, and answers about the graph."""
+"""The launcher's own topics, ``/graph/events`` and ``/graph/health``, and its answers about the graph."""
 
 import contextlib
 import json
@@ -19,51 +19,57 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.spec import LAUNCHER, topic
+from palp_core.graph.node.spec import GRAPH_EVENTS, GRAPH_HEALTH, LAUNCHER
 from palp_core.graph.process.node_services import HistoryRequest, describe_outputs, history_of
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, R
 
-EVENTS = topic(LAUNCHER, "events")
-HEALTH = topic(LAUNCHER, "health")
-_QOS = {
-    EVENTS: Qos(durability="transient_local", depth=100),
-    HEALTH: Qos(durability="transient_local", depth=1),
+_OUTPUTS: dict[str, tuple[type[Message], Qos]] = {
+    GRAPH_EVENTS: (GraphEvent, Qos(durability="transient_local", depth=100)),
+    GRAPH_HEALTH: (GraphHealth, Qos(durability="transient_local", depth=1)),
 }
-_TYPES: dict[str, type[Message]] = {EVENTS: GraphEvent, HEALTH: GraphHealth}
 
 
 class LauncherNode:
     """The launcher's place in the graph, as that of a node called ``graph``.
 
+    Args:
+        folder: The run directory.
+        now_ns: Returns the time on the graph's clock.
+        observe: Takes each frame that is published here, with the time.
+        joined: Returns the health of the nodes that have joined from other hosts.
+
     Attributes:
         record: What the operation ``graph`` answers.
-        on_health: Is told how the nodes do, whenever that is published.
-        joined: Returns how the nodes do that have joined from other hosts.
     """
 
     publishing = True
 
-    def __init__(self, folder: str, now_ns: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        folder: str,
+        now_ns: Callable[[], int],
+        *,
+        observe: Callable[[int, bytes], None] | None = None,
+        joined: Callable[[], Iterable[NodeHealth]] = tuple,
+    ) -> None:
         self.record: RunRecord | None = None
-        self.now_ns = now_ns
-        self.record_event: Callable[[bytes], None] = lambda _: None
-        self.on_health: Callable[[list[NodeHealth]], None] = lambda _: None
-        self.joined: Callable[[], Iterable[NodeHealth]] = tuple
+        self.now_ns, self._observe, self._joined = now_ns, observe, joined
         self._closed = False
         self._sockets = NodeSockets(*endpoints(folder, LAUNCHER))
         self.resend = self._sockets.publisher.send
-        self._events = PublisherEnd(EVENTS, GraphEvent, _QOS[EVENTS], 0, self, self._sockets.publisher.send)
-        self._health = PublisherEnd(HEALTH, GraphHealth, _QOS[HEALTH], 0, self, self._sockets.publisher.send)
-        self._publishers = {publisher.topic: publisher for publisher in (self._events, self._health)}
+        self._publishers: dict[str, PublisherEnd[Any]] = {
+            name: PublisherEnd(name, message, qos, 0, self, self._sockets.publisher.send)
+            for name, (message, qos) in _OUTPUTS.items()
+        }
         self._sockets.publisher.offer(self._publishers.values())
         self._operations: dict[str, NodeOperation[Any]] = {
             "history": NodeOperation(HistoryRequest, self._history)
         }
         self._deferred: set[str] = set()
-        self.answer("graph", lambda _: self._record())
-        self.answer("clock", lambda _: {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()})
-        self.answer("info", lambda _: self._info())
+        self.answer("graph", self._record)
+        self.answer("clock", self._clock)
+        self.answer("info", self._info)
         self._sockets.requests.add(LAUNCHER, self._operations, self._deferred)
 
     @property
@@ -71,9 +77,9 @@ class LauncherNode:
         """Descriptors that become readable when :meth:`poll` has something to do."""
         return self._sockets.file_descriptors
 
-    def answer(self, operation: str, handle: Callable[[NodeRequest], dict[str, Any]]) -> None:
+    def answer(self, operation: str, handle: Callable[[], dict[str, Any]]) -> None:
         """Answer requests ``{"op": operation}`` at once, by a function that returns a map."""
-        self._operations[operation] = NodeOperation(NodeRequest, handle)
+        self._operations[operation] = NodeOperation(NodeRequest, lambda _: handle())
 
     def defer(self, operation: str, wants: type[R], handle: Callable[[R], dict[str, Any]]) -> None:
         """Answer requests ``{"op": operation, ...}``, read as such, when :meth:`run_deferred` is called."""
@@ -85,14 +91,17 @@ class LauncherNode:
         self._sockets.requests.perform()
 
     def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
-        """Publish what has happened, with ``data`` for a machine; after the end nobody hears it."""
+        """Publish what has happened, with ``data`` for a machine; not after the end."""
         if self._closed:
             return
-        self._events.publish(
-            GraphEvent(stamp_ns=self.now_ns(), kind=kind, node=node, text=text, data=json.dumps(data))
-        )
+        event = GraphEvent(stamp_ns=self.now_ns(), kind=kind, node=node, text=text, data=json.dumps(data))
+        self._publish(GRAPH_EVENTS, event)
         self.poll()
-        self.record_event(self._events.history[-1])
+
+    def _publish(self, name: str, message: Message) -> None:
+        self._publishers[name].publish(message)
+        if self._observe is not None:
+            self._observe(self.now_ns(), self._publishers[name].history[-1])
 
     @contextlib.contextmanager
     def announcing(self, graph: str, count: int, *, resumed: bool = False) -> Iterator[None]:
@@ -118,15 +127,13 @@ class LauncherNode:
 
     def publish_health(self, nodes: list[NodeHealth]) -> None:
         """Publish how all nodes do, and what readers should have had by now."""
-        nodes = [*nodes, *self.joined()]
-        self._health.publish(GraphHealth(stamp_ns=self.now_ns(), nodes=nodes))
-        self.on_health(nodes)
+        self._publish(GRAPH_HEALTH, GraphHealth(stamp_ns=self.now_ns(), nodes=[*nodes, *self._joined()]))
         self._sockets.publisher.send_heartbeats()
         self.poll()
 
     def poll(self) -> None:
         """Greet readers and answer requests, without waiting; sending may have swallowed their signal."""
-        self._sockets.poll(most=sys.maxsize)  # nobody would call again for what is left
+        self._sockets.poll(most=sys.maxsize)  # no call follows for what is left
 
     def close(self) -> None:
         self._closed = True
@@ -137,6 +144,9 @@ class LauncherNode:
             raise GraphError("the graph is not up yet; ask again")
         record: dict[str, Any] = msgspec.to_builtins(self.record)
         return record
+
+    def _clock(self) -> dict[str, Any]:
+        return {"monotonic_ns": monotonic_ns(), "now_ns": self.now_ns()}
 
     def _info(self) -> dict[str, Any]:
         """Say what a node would say of itself, as far as a launcher has it."""
@@ -161,6 +171,6 @@ class LauncherNode:
         """Return the launcher's own topics as the command line finds them."""
         publish, _ = endpoints(folder, LAUNCHER)
         return [
-            topic_of(name, message, LAUNCHER, publish, _QOS[name].latched_depth)
-            for name, message in _TYPES.items()
+            topic_of(name, message, LAUNCHER, publish, qos.latched_depth)
+            for name, (message, qos) in _OUTPUTS.items()
         ]

@@ -19,11 +19,7 @@ Key = TypeVar("Key", int, str)
 
 
 class Liveness(Generic[Key]):
-    """Remembers when each node was last heard, and how it was.
-
-    Only time in which the supervisor itself was at work counts as silence: after it was stopped or the host
-    was too busy for it, nobody is blamed.
-    """
+    """Each node's last heartbeat and health; only time in which the supervisor itself worked is silence."""
 
     def __init__(self) -> None:
         self.silent: set[Key] = set()
@@ -32,7 +28,7 @@ class Liveness(Generic[Key]):
         self._checked_ns = 0
 
     def expect(self, index: Key, now_ns: int) -> None:
-        """Expect a node to be heard from now on; its loop's first turn, before it is active, has been."""
+        """Expect heartbeats from now on; its loop has turned before it is active."""
         self._last_ns[index] = now_ns
 
     def forget(self, index: Key) -> None:
@@ -61,7 +57,7 @@ class Liveness(Generic[Key]):
                 yield index, now_ns - last_ns
 
     def newly_silent(self, index: Key, silent_ns: int) -> str:
-        """Return in words that a node is unresponsive, once until it is heard again; else ""."""
+        """Return that a node is unresponsive, once until its next heartbeat; else ""."""
         if index in self.silent:
             return ""
         self.silent.add(index)
@@ -69,5 +65,5 @@ class Liveness(Generic[Key]):
 
     @property
     def health(self) -> list[NodeHealth]:
-        """What each node last said of itself, in graph order."""
+        """The last health of each node, in graph order."""
         return [self._health[index] for index in sorted(self._health)]

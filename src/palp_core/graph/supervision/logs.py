@@ -17,7 +17,7 @@ from palp_core.whole_file import open_private
 
 KEEP_BYTES = 16 << 20  # of a file before it becomes the old one; assumed: a day of a talkative node
 LONGEST_LINE = 1 << 16  # bytes; a longer one is merged in pieces
-PIPE_BYTES = 1 << 20  # a node that prints this much at once waits for nobody
+PIPE_BYTES = 1 << 20  # a node that prints this much at once does not wait
 _CHUNK = 1 << 16
 _F_SETPIPE_SZ = 1031
 

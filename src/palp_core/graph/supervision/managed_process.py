@@ -18,18 +18,11 @@ STABLE_NS = 30_000_000_000
 
 
 class ManagedProcess:
-    """One node as the supervisor sees it.
-
-    Attributes:
-        place: Under which name its process reports and has its endpoints.
-        missing: Readers of its last process that do not listen to this one, which has waited for them.
-        handed_over: It has handed over everything to a successor, which can go on without it.
-        replies: What it has sent in a swap and nothing has taken yet.
-    """
+    """One node as the supervisor sees it."""
 
     def __init__(self, spec: NodeSpec, log: Path, place: str = "") -> None:
         self.spec = spec
-        self.place = place or spec.name
+        self.place = place or spec.name  # the name by which its process reports and has its endpoints
         self.log = log
         self.restart_count = 0
         self.reset(0)
@@ -37,9 +30,10 @@ class ManagedProcess:
     def reset(self, now_ns: int) -> None:
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
-        self.handed_over = self.is_silent = self.given_up = False
-        self.missing: list[str] = []
-        self.replies: list[FromNode] = []
+        self.is_silent = self.given_up = False
+        self.handed_over = False  # everything, to a successor that can go on without it
+        self.missing: list[str] = []  # readers of its last process that do not listen to this one
+        self.replies: list[FromNode] = []  # what it has sent in a swap and nothing has taken yet
         self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
 
@@ -47,9 +41,9 @@ class ManagedProcess:
         self.active, self.active_ns = True, now_ns
 
     def absence(self) -> str:
-        """Return why it does not work just now, in words that follow its name; "" if it does."""
+        """Return why it does not work just now, as a text that follows its name; "" if it does."""
         if self.respawn_at_ns is not None or self.ended or not self.matched:
-            return "is being restarted; ask again when it is at work"
+            return "is being restarted; ask again when it is active"
         if _state(self.pid) in ("T", "t"):
             return f"is stopped; continue it with: kill -CONT {self.pid}"
         if self.is_silent:
@@ -57,11 +51,11 @@ class ManagedProcess:
         return ""
 
     def has_died(self) -> bool:
-        """Tell whether its process is dead; :attr:`ended` is set when the fork server has told so."""
+        """Return whether its process is dead; :attr:`ended` is set when the fork server has reported it."""
         return self.ended or _state(self.pid) in ("Z", "X")
 
     def may_restart(self) -> bool:
-        """Tell whether its rule allows another start; it must have been active once."""
+        """Return whether its rule allows another start; it must have been active once."""
         was_active = self.active or self.spec.epoch > 0
         return (
             was_active and self.spec.restart == "on_failure" and self.restart_count < self.spec.max_restarts
@@ -84,10 +78,7 @@ class ManagedProcess:
         return text
 
     def successor_spec(self, spec: NodeSpec) -> NodeSpec:
-        """Return what a process that takes over from this one runs.
-
-        It counts on from this one's epoch: to a reader nothing is restarted, and no epoch ever comes twice.
-        """
+        """Return what a successor runs: with this one's epoch, as to a reader nothing is restarted."""
         return msgspec.structs.replace(spec, epoch=self.spec.epoch)
 
     def log_tail(self) -> str:

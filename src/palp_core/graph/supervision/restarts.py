@@ -1,4 +1,4 @@
-"""Keep nodes at work on the wall clock: activate, restart by rule, notice who has gone silent."""
+"""Keep nodes active on the wall clock: activate, restart by rule, notice silence."""
 
 import logging
 import signal
@@ -21,7 +21,7 @@ READY_NS = 60_000_000_000
 
 HEALTH_NS = 1_000_000_000
 LOOK_NS = 250_000_000
-"""How often everybody is looked at when nothing has happened: the finest of what a silence is told by."""
+"""How often all nodes are looked at when nothing has happened: the resolution of silences."""
 LATE_NS = 10_000_000_000
 _LOG = logging.getLogger("palp.supervisor")
 
@@ -91,7 +91,7 @@ class Restarts:
         """Report that a node works again, and which readers its first messages may not reach."""
         name, missing = process.spec.name, process.missing
         self._launcher_node.report(
-            "restarted", name, f"is at work again, as process {process.pid}", missing=missing
+            "restarted", name, f"is active again, as process {process.pid}", missing=missing
         )
         if missing:
             _LOG.warning(
@@ -102,7 +102,7 @@ class Restarts:
             )
 
     def _start_next(self, process: ManagedProcess, now_ns: int) -> None:
-        """Start a failed node's next process, but never beside the one that has failed."""
+        """Start a failed node's next process, but never next to the one that has failed."""
         assert process.respawn_at_ns is not None
         if process.ended:
             process.reset(now_ns)

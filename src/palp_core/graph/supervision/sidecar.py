@@ -39,7 +39,7 @@ class Sidecar(Generic[Received]):
 
     @property
     def descriptor(self) -> int:
-        """Becomes readable when it has said something."""
+        """Becomes readable when it has sent something."""
         return self._channel.socket.fileno()
 
     @property
@@ -50,7 +50,7 @@ class Sidecar(Generic[Received]):
         self._channel.send(message)
 
     def receive(self) -> list[Received]:
-        """Return what it has said; wait if it has said nothing."""
+        """Return what it has sent; wait for something."""
         if not self._channel.buffered():
             self._channel.fill()
         found = []
@@ -59,7 +59,7 @@ class Sidecar(Generic[Received]):
         return found
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until it has said something or is gone; return False on time-out."""
+        """Wait until it has sent something or is gone; return False on time-out."""
         ready = select.select((self._channel.socket,), (), (), max(timeout_s, 0.0))[0]
         return bool(ready) or self._channel.buffered()
 

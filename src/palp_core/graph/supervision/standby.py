@@ -1,4 +1,4 @@
-"""Processes beside those that have the nodes' parts: successors before a swap, predecessors after it."""
+"""Processes next to those that have the nodes' parts: successors before a swap, predecessors after it."""
 
 import contextlib
 import signal
@@ -22,17 +22,13 @@ from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessL
 
 
 class Standby:
-    """One such process.
-
-    Attributes:
-        has_left: It has reported that its work is done, and died of nothing.
-    """
+    """One such process."""
 
     def __init__(self, number: int, process: ManagedProcess) -> None:
         self.number, self.process = number, process
         self.failure = ""
         self.on_end: Callable[[], None] = lambda: None
-        self.has_left = False
+        self.has_left = False  # it has reported that its work is done
 
     def receive(self, message: FromNode) -> None:
         if isinstance(message, Failed):
@@ -57,7 +53,7 @@ class Standbys:
         self._inspection, self._import_timeout_s = Inspection(), 0.0
 
     def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Standby:
-        """Start a process beside the one that has the node's part."""
+        """Start a process next to the one that has the node's part."""
         self._count += 1
         process = ManagedProcess(spec, log, f"+{self._count}")
         standby = Standby(self._channels.admit(process.place), process)

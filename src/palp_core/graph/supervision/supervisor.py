@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
@@ -35,15 +36,35 @@ ENDING_SIGNALS = ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,))
 _LOG = logging.getLogger("palp.supervisor")
 
 
+def _nothing(*_: object) -> None: ...
+
+
+class Listeners(NamedTuple):
+    """What a supervisor calls.
+
+    Attributes:
+        frame: Wall clock: with the time and each frame that the launch view or the record needs.
+        new_process: When a node has another process.
+        turn: Wall clock: between two turns.
+        health: With a node's encoded health.
+        checkpoint: Wall clock: with the name of a node, the sequence of the message at which it was written
+            down, and what was written.
+    """
+
+    frame: Callable[[int, bytes], object] = _nothing
+    new_process: Callable[[], object] = _nothing
+    turn: Callable[[], object] = _nothing
+    health: Callable[[bytes], object] = _nothing
+    checkpoint: Callable[[str, int, bytes], object] = _nothing
+
+
 class Supervisor:
     """The processes of a graph's nodes, from their start to the end of the run.
 
     Attributes:
         exit_code: Of the node whose end is the run's; None before.
-        standbys: Processes beside those that have the nodes' parts.
-        swap: In lockstep, who does the rounds of a node of which there are two.
-        hear: Takes what a process says in a node's name.
-        on_kept: Wall clock: takes the name of a node that was written down, at which message, and what.
+        standbys: Processes next to those that have the nodes' parts.
+        swap: In lockstep, what does the rounds of a node of which there are two.
         restores: Wall clock: nodes as they were written down before an interruption, by name.
     """
 
@@ -55,21 +76,17 @@ class Supervisor:
         folder: Path,
         server: ForkServer,
         interrupt: Interrupt,
-        observe: Callable[[int, bytes], None],
         launcher_node: LauncherNode,
+        listeners: Listeners,
         levels: LogLevels | None = None,
     ) -> None:
         self.names = [spec.name for spec in specs]
         self.processes = [ManagedProcess(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
         self.start_ns = self._finish_by_ns = 0
         self.exit_code: int | None = None
-        self.on_turn: Callable[[], None] = lambda: None
-        self.on_new_process: Callable[[], None] = lambda: None
-        self.on_health: Callable[[bytes], None] = lambda _: None
-        self.on_kept: Callable[[str, int, bytes], None] = lambda *_: None
         self.restores: dict[str, bytes] = {}
         self.swap: SharedRounds | None = None
-        self._folder, self._server, self._interrupt, self._observe = folder, server, interrupt, observe
+        self._folder, self._server, self._interrupt, self._listeners = folder, server, interrupt, listeners
         self._grace = GracePeriod(interrupt)
         self._replies: dict[int, control_messages.Done] = {}
         self._commanded: set[int] = set()
@@ -83,7 +100,6 @@ class Supervisor:
         )
         self.standbys = Standbys(server, self._channels, self._launcher)
         self.watch, self.forget = self._channels.watch, self._channels.forget
-        self.hear = self._on_message
         for descriptor in launcher_node.file_descriptors:
             self.watch(descriptor, launcher_node.poll)
 
@@ -131,7 +147,7 @@ class Supervisor:
                 return 0
             self._restarts.run_due(now_ns)
             self._pump(min(left_s, self._restarts.idle_s(now_ns)))
-            self.on_turn()
+            self._listeners.turn()
         return self.exit_code
 
     def wait_until(self, condition: Callable[[], bool], deadline_ns: int | None = None) -> bool:
@@ -171,7 +187,7 @@ class Supervisor:
     def work_together(
         self, rounds: Mapping[int, control_messages.ToNode]
     ) -> Mapping[int, control_messages.Done]:
-        """Let nodes work, whoever stands by; return what each has done."""
+        """Let the nodes themselves work; return what each has done."""
         for index, message in rounds.items():
             self._send(index, message)
         asked_ns = monotonic_ns()
@@ -191,14 +207,14 @@ class Supervisor:
         try:
             self._channels.send(index, message)
         except ChannelClosed:
-            while not self.processes[index].ended:  # the event that tells how it ended raises
+            while not self.processes[index].ended:  # the event of its end raises
                 self._pump(1.0)
 
     def _pump(self, timeout_s: float) -> None:
         """Handle what has happened; wait for something if nothing has."""
         received, others = self._channels.wait(timeout_s)
         failures: list[NodeError] = []
-        handlers: list[Callable[[], None]] = [partial(self._on_message, *message) for message in received]
+        handlers: list[Callable[[], None]] = [partial(self.receive, *message) for message in received]
         handlers += self._channels.handlers(others)
         if self._server.descriptor in others:
             handlers += [partial(self._on_child_event, event) for event in self._server.read_events()]
@@ -214,7 +230,8 @@ class Supervisor:
         if self._interrupt.descriptor in others:
             self._interrupt.drain()
 
-    def _on_message(self, index: int, message: control_messages.FromNode) -> None:
+    def receive(self, index: int, message: control_messages.FromNode) -> None:
+        """Take what a process sends in a node's name."""
         if self.standbys.receive(index, message):
             return
         process = self.processes[index]
@@ -223,14 +240,14 @@ class Supervisor:
             process.done = self._grace.ending
         elif isinstance(message, control_messages.Pulse):
             self._restarts.on_health(index, message.health)
-            self.on_health(message.health)
+            self._listeners.health(message.health)
         elif isinstance(message, control_messages.Relay):
             if message.frame:
-                self._observe(monotonic_ns() - self.start_ns, message.frame)
+                self._listeners.frame(monotonic_ns() - self.start_ns, message.frame)
             if message.exit_code is not None and process.spec.shutdown_on_exit:
                 self.exit_code = message.exit_code
         elif isinstance(message, control_messages.Kept):
-            self.on_kept(process.spec.name, message.sequence, message.node)
+            self._listeners.checkpoint(process.spec.name, message.sequence, message.node)
         elif isinstance(message, FromSwapped):
             process.replies.append(message)
         elif isinstance(message, control_messages.Configured):
@@ -256,14 +273,14 @@ class Supervisor:
         if isinstance(event, Started):
             process.pid = event.pid
             if process.spec.epoch:
-                self.on_new_process()
+                self._listeners.new_process()
             return
         if event.pid != process.pid:
             return
         process.ended = True
         self._restarts.forget(index)
         for message in self._channels.drain(index):
-            self._on_message(index, message)
+            self.receive(index, message)
         if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:
             return
         text = f"its process {describe_exit(event.status)}"
@@ -284,7 +301,7 @@ class Supervisor:
         return standbys.inspected[0]
 
     def send_if_connected(self, index: int, message: control_messages.ToNode) -> None:
-        """Send a node a message; of one that is gone the fork server tells."""
+        """Send a node a message; the end of one that is gone comes from the fork server."""
         with contextlib.suppress(ChannelClosed):
             self._channels.send(index, message)
 
@@ -298,7 +315,7 @@ class Supervisor:
         self.processes[index] = new
         for message in new.replies:
             if isinstance(message, control_messages.Relay):
-                self._on_message(index, message)
+                self.receive(index, message)
         new.activate(monotonic_ns())
         self._restarts.expect_health(index)
 

@@ -110,7 +110,7 @@ class Swap(StepEngine):
         return frames
 
     def _hand_on_last_frames(self) -> None:
-        """Publish, in simulated time, what the old node has published with a copy that nobody took over."""
+        """Publish, in simulated time, what the old node has published with a copy that was not taken over."""
         frames = self._take_last_frames()
         if frames and self._conductor is not None and not self._old.ended:
             done = self._host.work_together({self.index: Round(self._conductor.now_ns, [])})[self.index]
@@ -300,7 +300,7 @@ class Swap(StepEngine):
         self._successor.replies.clear()
         for event in replies:
             if isinstance(event, Raised) and isinstance(self._host, Supervisor):
-                self._host.hear(self.index, event)
+                self._host.receive(self.index, event)
         self._check_successor()
         reports = [reply for reply in replies if isinstance(reply, WorkReport)]
         frames = [frame for report in reports for frame in report.frames]
@@ -476,31 +476,20 @@ class Swap(StepEngine):
         return Leave(LINGER_NS)
 
     def retire_old(self, _: Step) -> None:
-        """Let the node's name lead to the new process when the old one has ended.
-
-        It stays as long as a reader has not had all that it published, but nothing waits for that.
-        """
+        """Let the node's name lead to the new process, once the old one's readers have all and it ends."""
         self._host.retire(self.index, self._new)
 
 
 class Rounds:
-    """What is between two nodes that share the rounds of simulated time.
-
-    Attributes:
-        comparison: How the two compare, while both work.
-        held: What the new node has published and not reported.
-        passed_by: What it does not read: it waits for the old one.
-        failure: Why the old one goes on.
-        rolled_back: The old one works again.
-    """
+    """What is between two nodes that share the rounds of simulated time."""
 
     def __init__(self, inputs: Iterable[bytes]) -> None:
         self._inputs = set(inputs)
-        self.comparison: ShadowComparison | None = None
-        self.held: list[bytes] = []
-        self.passed_by: list[bytes] = []
-        self.failure: SwapFailed | None = None
-        self.rolled_back = False
+        self.comparison: ShadowComparison | None = None  # while both work
+        self.held: list[bytes] = []  # what the new node has published and not reported
+        self.passed_by: list[bytes] = []  # what it does not read: it waits for the old one
+        self.failure: SwapFailed | None = None  # why the old one goes on
+        self.rolled_back = False  # the old one works again
 
     def split(self, message: Round) -> tuple[Round, list[bytes]]:
         own = [frame for frame in message.frames if topic_of(frame) in self._inputs]

@@ -39,12 +39,7 @@ class Step(NamedTuple):
 
 
 class StepEngine:
-    """Takes the steps of one swap.
-
-    Attributes:
-        index: Number of the node.
-        step: The name of the current step.
-    """
+    """Takes the steps of one swap."""
 
     def __init__(self, host: SwapHost, folder: Path, swap: CheckedSwap) -> None:
         self.index, self.step = swap.index, "start"

@@ -97,11 +97,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SwapFailed(NodeError):
-    """The old node works, and nothing has changed.
-
-    Attributes:
-        step: Which step failed.
-    """
+    """A step failed: the old node works, and nothing has changed."""
 
     def __init__(self, node: str, step: str, text: str) -> None:
         self.step, self.text = step, text

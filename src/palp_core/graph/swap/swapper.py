@@ -12,9 +12,6 @@ from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.description.wire_check import disagreements
 from palp_core.graph.lockstep.conductor import Conductor
 from palp_core.graph.messages.builtin import Swap as SwapMessage
-from palp_core.graph.messages.frame import Kind, parse, topic_of
-from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.node.params import changed_read_only
 from palp_core.graph.node.spec import RECORDER, NodeSpec
@@ -43,11 +40,7 @@ def _run_of(request: SwapRequest, old: NodeSpec, workspace: str) -> str:
 
 
 class Swapper:
-    """The swaps of one graph.
-
-    Attributes:
-        conductor: Drives the nodes in simulated time; None before the run, and on the wall clock.
-    """
+    """The swaps of one graph."""
 
     def __init__(
         self,
@@ -58,14 +51,12 @@ class Swapper:
         changed: Callable[[CheckedGraph, int, Done | None], None],
         report: Callable[..., None],
     ) -> None:
-        self.conductor: Conductor | None = None
+        self.conductor: Conductor | None = None  # in simulated time, once the run begins
         self._checked, self._host, self._folder, self._now_ns = checked, host, folder, now_ns
         self._current: Swap | None = None
         self._changed, self._report = changed, report
         self._busy = ""
         self._planned: list[tuple[int, SwapRequest]] = []
-        wanted = schema_of(SwapMessage).hash_text
-        self._asks = {name.encode() for name, info in checked.topics.items() if info.type_hash == wanted}
 
     def plan(self, at_ns: int, request: SwapRequest) -> None:
         """Swap when it is that time on the graph's clock."""
@@ -73,16 +64,14 @@ class Swapper:
             request = msgspec.structs.replace(request, probation=NO_PROBATION)
         self._planned.append((at_ns, request))
 
-    def observe(self, now_ns: int, frame: bytes) -> None:
-        """Take a message that a node publishes, which may ask for a swap."""
-        if self._asks and topic_of(frame) in self._asks and (parsed := parse(frame)).kind == Kind.DATA:
-            asked = decode(SwapMessage, parsed.payload)
-            try:
-                params = msgspec.json.decode(asked.params, type=dict[str, Any])
-            except msgspec.MsgspecError as error:
-                text = f"'params' of its Swap message is not a JSON map: {error}: {asked.params!r}"
-                raise NodeError(parsed.topic.split("/")[1], text) from error
-            self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
+    def plan_asked(self, now_ns: int, name: str, asked: SwapMessage) -> None:
+        """Swap as a node asks by a message on a topic."""
+        try:
+            params = msgspec.json.decode(asked.params, type=dict[str, Any])
+        except msgspec.MsgspecError as error:
+            text = f"'params' of its Swap message is not a JSON map: {error}: {asked.params!r}"
+            raise NodeError(name.split("/")[1], text) from error
+        self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
 
     def run_due(self) -> None:
         """Do what is planned and due."""
@@ -145,7 +134,7 @@ class Swapper:
             raise GraphError(f"node '{name}' of graph '{checked.graph}' {why}")
         old = specs[name]
         if old.run == RECORDER:
-            raise GraphError(f"node '{name}' is a recorder; record besides: palp bag record -a")
+            raise GraphError(f"node '{name}' is a recorder; record in addition: palp bag record -a")
         run = _run_of(request, old, checked.workspace)
         before = old.params if run == old.run else {}
         wanted = NodeClassRequest(run, {**before, **request.params}, name=name)

@@ -17,10 +17,11 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import BagDamaged, MechanicsError, PalpError
 from palp_core.graph.bag.reader import Bag, BagMessage
-from palp_core.graph.launch.run_journal import GRAPH_EVENTS, RunJournal
+from palp_core.graph.launch.run_journal import RunJournal
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
 from palp_core.graph.node.qos_events import EVENTS_PORT
+from palp_core.graph.node.spec import GRAPH_EVENTS
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
