@@ -1,4 +1,4 @@
-"""How fast the drivers are beside the bare libraries, and how soon each fault has a name.
+"""How fast the drivers are compared with the bare libraries, and how soon each fault has a name.
 
 CAN: samples a second of the ATI driver as fast as the sensor answers, against ``python-can``'s send and two
 receives. Serial: questions a second of the stage's link, against ``pyserial``'s write and ``read_until``.
@@ -11,7 +11,7 @@ Of the whole rig, its nodes on devices that are emulated in a process of their o
 ``trips``: from the sensor's first sample over the limit to ABORT at the controller, as the kernel stamped its
 arrival, and how far a sweep goes on. ``deaths``: how long after kill -9 and SIGSTOP of each node and the
 launcher the stage rests. ``palpations``: launch/emulated.yaml from the sensor to the belief, and its sweeps
-beside those of the simulation. ``decisions``: trials decided within the sweep: how soon, how far the stage
+against those of the simulation. ``decisions``: trials decided within the sweep: how soon, how far the stage
 goes on, and trips.
 
 Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions] [--json]
@@ -31,10 +31,9 @@ from typing import Any
 import can
 import numpy as np
 import serial
-from rig_bench.decisions import decisions
-from rig_bench.emulator import EmulatorProcess, emulator
+from rig_bench.emulator import EmulatorProcess, emulator, host_words
 from rig_bench.faults import FAULTS, KINDS, Fault
-from rig_bench.palpations import palpations
+from rig_bench.palpations import decisions, palpations
 from rig_bench.trips import NODES, deaths, trips
 
 from palp_core.palpation.devices import open_device
@@ -177,7 +176,7 @@ def main() -> None:
     parser.add_argument("--stale-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     parser.add_argument("--beat-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     given = parser.parse_args()
-    count = given.count
+    host, count = host_words(), given.count
     if given.what == "trips":
         swept = min(20, count or 20)
         result = trips((count or 1000) - swept, swept)
@@ -191,6 +190,7 @@ def main() -> None:
         result = faults()
     else:
         result = links(given.quick)
+    result = {"host": host} | result
     print(json.dumps(result, indent=None if given.what == "links" else 1) if given.json else in_lines(result))
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -118,10 +117,6 @@ class Score:
         false: Bursts beside them: of nothing, or a second one of the same contraction.
         right: Contractions with one burst, one peak, and that at their level.
         bias: Mean of what a peak reads over what it was, minus 1.
-        told_times: Levels that are right of somebody who is told begin and end of each contraction, and takes
-            the envelope's median over its middle half second.
-        told_course: Likewise of somebody who is told how its strength goes, but for its scale: the best that
-            two RMS can do with the MVC as it was read.
     """
 
     made: int
@@ -129,8 +124,6 @@ class Score:
     false: int
     right: int
     bias: float
-    told_times: int = 0
-    told_course: int = 0
 
 
 def score(found: EmgAnalysis, made: Sequence[Contraction], settings: EmgSettings) -> Score:
@@ -167,44 +160,7 @@ def added(scores: Sequence[Score]) -> Score:
         sum(one.false for one in scores),
         sum(one.right for one in scores),
         bias,
-        sum(one.told_times for one in scores),
-        sum(one.told_course for one in scores),
     )
-
-
-def told(
-    found: EmgAnalysis,
-    trial: Float64Array,
-    strength: Float64Array,
-    made: Sequence[Contraction],
-    settings: EmgSettings,
-) -> tuple[int, int]:
-    """Return the levels that are right of somebody who is told the times, and the course: no rule is in it.
-
-    Both read against the MVC of ``found`` and know nothing of rest but its power.
-    """
-    half, window_s = round(0.25 * settings.rate_hz), settings.window_s
-    point = replace(settings.chain(0.0), window_s=1.0 / settings.rate_hz)  # an envelope of one sample
-    powers = np.array([point.envelope(one) ** 2 for one in trial])
-    quiet = strength == 0.0
-    rest_power = powers[:, quiet].mean(axis=1)
-    rest = np.sqrt(rest_power).sum() / found.reference
-    times, course = [], []
-    for one in made:
-        middle = (one.begin + one.end + round(window_s * settings.rate_hz)) // 2  # the window looks back
-        seen = np.median(found.cocontraction[max(one.begin, middle - half) : min(one.end, middle + half)])
-        times.append(math.sqrt(max(0.0, (seen**2 - rest**2) / (1.0 - rest**2))))
-        share = strength[one.begin : one.end] / one.level
-        strong = share > 0.5
-        scaled = (powers[:, one.begin : one.end] - rest_power[:, None])[:, strong] / share[strong] ** 2
-        course.append(float(np.sqrt(np.maximum(scaled.mean(axis=1), 0.0)).sum() / found.reference))
-    levels = np.array([one.level for one in made])
-    return _right(times, levels), _right(course, levels)
-
-
-def _right(read: Sequence[float], levels: Float64Array) -> int:
-    """Return how many of the values that were read are nearest to their level."""
-    return int((np.asarray(LEVELS)[to_levels(np.array(read)).index] == levels).sum())
 
 
 def contractions(
@@ -265,8 +221,7 @@ def judge(
         strength, made = contractions(of, count, rng)
         trial, mvc, rest = recorded(model, of, strength, rng)
         found = analyse(trial, mvc, settings, rest=rest if of.rest_known else None)
-        times, course = told(found, trial, strength, made, settings)
-        scores.append(replace(score(found, made, settings), told_times=times, told_course=course))
+        scores.append(score(found, made, settings))
     return added(scores)
 
 

@@ -14,7 +14,7 @@ import json
 import os
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -23,11 +23,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from palp_core.graph.launch.graph import Graph
-from palp_core.palpation.reporting import charts
 from palp_core.palpation.session.result import read_result
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 FIXED_MM = (0.0, 4.0, 8.0, 12.0, 16.0)
@@ -82,55 +78,20 @@ def summarise(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def draw(summary: dict[str, Any], target: Path) -> None:
-    """Draw accuracy per policy with the paper's two figures."""
-    table = summary["policies"] | {"fixed_average": {"accuracy": summary["fixed_average"]}}
-    order = [f"fixed_{mm:g}" for mm in FIXED_MM] + ["fixed_average", "markov", "uniform"]
-    labels = [f"fixed\n{mm:g} mm" for mm in FIXED_MM] + ["average\nof fixed", "human\n(Markov)", "uniform"]
-    shares = [100.0 * table[name]["accuracy"]["value"] for name in order]
-    spans = [table[name]["accuracy"]["ci"] for name in order]
-    sessions = summary["fixed_average"]["sessions"]
-    title = f"Simulated rig, {sessions} sessions a policy, 95 % intervals over sessions"
-
-    def bars(figure: Figure) -> None:
-        axes = figure.subplots()
-        colours = [charts.PALE_BLUE] * 6 + [charts.PALE_VERMILION, charts.PALE_GREEN]
-        axes.bar(labels, shares, color=colours, width=0.7)
-        for place, (share, span) in enumerate(zip(shares, spans, strict=True)):
-            if span is not None:
-                axes.plot([place, place], [100.0 * end for end in span], color=charts.INK, linewidth=1.5)
-            axes.text(place, 3.0, f"{share:.0f} %", ha="center", color=charts.INK, fontweight="bold")
-        for level, text in (
-            (100.0 / 3.0, "chance"),
-            (66.7, "paper: average of fixed"),
-            (90.0, "paper: human"),
-        ):
-            axes.axhline(level, color=charts.GREY, linestyle="--", linewidth=1.0, zorder=0)
-            axes.annotate(text, (7.6, level), xytext=(0, 3), textcoords="offset points")
-        axes.set_xlim(-0.6, 9.3)
-        axes.set_ylim(0.0, 105.0)
-        charts.tidy(axes, title, "", "right estimates of the depth, %")
-
-    picture = charts.Chart(
-        "policies", title, "", 3.8, ("policy", "right, %"), list(zip(order, shares, strict=True)), bars
-    )
-    target.write_bytes(charts.image(picture, "png"))
-
-
 def _share(line: dict[str, Any]) -> str:
     interval = line["ci"]
     return f"{line['value']:.1%}" + (f" ({interval[0]:.1%} to {interval[1]:.1%})" if interval else "")
 
 
 def main() -> None:
-    """Run the sessions and print the tables; JSON and a chart beside them."""
+    """Run the sessions, print the tables, and write them as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/policies"))
     parser.add_argument("--sessions", type=int, default=1, help="seeds 1 to this number")
     parser.add_argument("--trials", type=int, default=100, help="per phantom")
     parser.add_argument("--training", type=int, default=25, help="per phantom and ring position")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--policies", default=",".join(POLICIES), help="of these only, without a chart")
+    parser.add_argument("--policies", default=",".join(POLICIES), help="of these only")
     parser.add_argument("overrides", nargs="*", help="NAME:=VALUE, arguments of launch/sim.yaml")
     options = parser.parse_args()
     chosen = {name: POLICIES[name] for name in options.policies.split(",")}
@@ -154,7 +115,6 @@ def main() -> None:
         rest = f"{row['probes_mean']:.1f}; {row['calibration_error']:.3f}; {row['overconfidence']:+.3f}"
         print(f"{name:<14} {_share(row['accuracy'])}; {depths}; {rest}")
     if chosen == POLICIES:
-        draw(summary, options.out / "policies.png")
         print(f"{'fixed_average':<14} {_share(summary['fixed_average'])}")
         print(f"best fixed: {summary['fixed_best']}")
 

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.rig_bench.host import host_words
+from benchmarks.rig_bench.emulator import host_words
 from benchmarks.rig_bench.running import RunningRig
 from benchmarks.rig_bench.trips import acknowledged
 from benchmarks.view_running import ROOT, Launched, browser, emulated, end, wait

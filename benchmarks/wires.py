@@ -5,8 +5,8 @@ and order records. ``raw`` is pyzmq and msgpack, one frame without a topic. Both
 it just before the publish call and again when the reader holds a numpy array, on the host's monotonic clock.
 A ratio is palp over the other within one round, the order turned from round to round; stated are the median
 over rounds, the least and the largest. CPU time is user and system time of all ends per message published.
-The machine should be otherwise idle. ``--peer ros2`` adds ROS 2 (rclpy over Fast DDS), installed from the
-package index into a virtual environment of its own.
+The machine should be otherwise idle. ``--peer ros2`` adds ROS 2 (rclpy over Fast DDS), of the extra
+``ros2``.
 
 Run: .venv/bin/python benchmarks/wires.py [--quick] [--json] [--only latency] [--peer ros2]
 """
@@ -18,20 +18,27 @@ import json
 import os
 import signal
 import sys
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from functools import partial
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from wire_bench.contenders import first_message_s
-from wire_bench.figures import Measure, Results
-from wire_bench.peers import PALP, PEERS, Runner, runners
+from wire_bench.contenders import HERE, Outcome, first_message_s, run_palp, run_scripts
+from wire_bench.figures import PALP, Measure, Results
 from wire_bench.plan import Phase
 
 ALONE = (("latency",), ("64k",), ("trip", "call"), ("rate",), ("1mib",))
 TOGETHER = (("latency", "64k", "trip", "call"), ("rate", "1mib"))
 KINDS = (*(kind for kinds in ALONE for kind in kinds), "fan", "startup")
 OF_PALP = ("call",)  # the peers have no services
-CACHE = Path.home() / ".cache" / "palp-peers"
+PEERS = ("raw", "ros2")
+"""Scripts of both ends in ``wire_bench``."""
+Runner = Callable[[list[Phase], int], Outcome]
+
+
+def runners(peers: Iterable[str]) -> dict[str, Runner]:
+    """Return palp and peers, by name."""
+    return {PALP: run_palp} | {name: partial(run_scripts, HERE / f"{name}.py") for name in peers}
 
 
 def measures(quick: bool) -> dict[str, Measure]:
@@ -89,12 +96,10 @@ def main() -> None:
     parser.add_argument("--only", action="append", choices=KINDS, help="measure only this; may be repeated")
     parser.add_argument("--rounds", type=int, help="interleaved rounds (2 if quick, else 7)")
     parser.add_argument("--peer", action="append", default=["raw"], choices=PEERS, help="measure this, too")
-    parser.add_argument("--cache", type=Path, default=CACHE, help="folder of virtual environments")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no contender is left behind
     rounds = options.rounds or (2 if options.quick else 7)
-    found = runners(options.peer, options.cache, report)
-    results = measure(set(options.only or KINDS), rounds, options.quick, found)
+    results = measure(set(options.only or KINDS), rounds, options.quick, runners(options.peer))
     print(json.dumps(results.summary()) if options.json else results.table())
 
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from palp_core.palpation.devices.emulator import RigSettings
 
-__all__ = ["PRIORITY", "EmulatorProcess", "emulator"]
+__all__ = ["PRIORITY", "EmulatorProcess", "emulator", "host_words"]
 
 PRIORITY = 25
 """Above every node of the rig: a device does not wait for the host."""
@@ -90,3 +92,14 @@ def emulator(*devices: str, settings: RigSettings | None = None) -> Iterator[Emu
         yield rig
     finally:
         rig.close()
+
+
+def host_words() -> str:
+    """Describe the host and its load."""
+    limits = Path("/proc/sys/kernel/sched_rt_runtime_us")
+    share = limits.read_text(encoding="utf-8").strip() if limits.exists() else "?"
+    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    return (
+        f"{os.cpu_count()} cores, Linux {platform.release()}, Python {platform.python_version()},"
+        f" real-time share {share} us of a second, load before {load}"
+    )

@@ -1,4 +1,4 @@
-"""Palpations of launch/emulated.yaml from the sensor to the belief, and beside the simulation of one seed."""
+"""Palpations and decisions of launch/emulated.yaml, from the sensor to the belief, and as simulated."""
 
 from __future__ import annotations
 
@@ -20,58 +20,48 @@ from palp_core.palpation.devices.protocols import Int64Array
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 
-from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
-
-__all__ = ["ROOT", "palpations", "run_emulated"]
+__all__ = ["decisions", "palpations"]
 
 ROOT = Path(__file__).resolve().parents[2]
 PATH_M = (-0.03, 0.05)
 PATIENCE_S = 3600.0
-RINGS_EXACT = {
-    "emulated": ("      height_sd_mm: $(var height_sd_mm)\n", "      repeatability_mm: 0.0\n"),
-    "sim": ("repeatability_mm: 0.3", "repeatability_mm: 0.0"),
-}
+EXACT = {"emulated": "phantom.repeatability_mm:=0.0", "sim": "actuator.repeatability_mm:=0.0"}
 """Where a landing is not drawn, both rings are where they were sent, and sweeps can be compared."""
+PHANTOMS = 3
+AT_REST_M = 2e-6
+"""Between two reports of the stage, 10 ms apart: two of its counts."""
 
 
 def palpations(count: int = 10) -> dict[str, Any]:
     """Run a rig on emulated wires for some palpations; return rates, gaps, delays and differences."""
-    host = host_words()
     with tempfile.TemporaryDirectory(prefix="palp-bench-") as name:
-        folder = Path(name)
-        workspace(folder)
+        folder = workspace(Path(name))
         bag, out = folder / "bag", folder / "emulated"
-        arguments = (
-            "trials:=1", *training(count), f"shared.from_m:={PATH_M[0]}", f"shared.to_m:={PATH_M[1]}",
-            f"out:={out}", "--record", str(bag),
+        alike = (
+            "trials:=1", f"training:={-(-count // 15)}",  # fifteen are one of each kind
+            f"shared.from_m:={PATH_M[0]}", f"shared.to_m:={PATH_M[1]}",
         )  # fmt: skip
         rows = out / "trials.csv"
+        arguments = (*alike, EXACT["emulated"], f"out:={out}", "--record", str(bag))
         output = run_emulated(folder, arguments, lambda: rows.exists() and len(read_rows(out)) >= count)
         if not rows.exists() or len(read_rows(out)) < count:
             raise RuntimeError(output)
-        palp(folder, "launch", "launch/sim.yaml", "trials:=1", *training(count), f"out:={folder / 'sim'}")
+        simulated = command("launch", "launch/sim.yaml", *alike, EXACT["sim"], f"out:={folder / 'sim'}")
+        subprocess.run(simulated, env=environment(folder), cwd=folder, check=True, capture_output=True)
         return {
-            "host": host,
             "palpations": len(read_rows(out)),
             **torque(bag),
             **emg(bag),
             **delays(bag),
-            **beside_simulation(out, folder / "sim"),
+            **compare_simulation(out, folder / "sim"),
         }
 
 
-def workspace(folder: Path) -> None:
-    """Write both launch files, with rings that land where they are sent, and one path."""
-    (folder / "launch").mkdir()
-    for link in ("nodes", "msgs", "launch/parts"):
+def workspace(folder: Path) -> Path:
+    """Make a folder that launches the checkout's files, and return it."""
+    for link in ("nodes", "msgs", "launch"):
         (folder / link).symlink_to(ROOT / link)
-    for name, (old, new) in RINGS_EXACT.items():
-        text = (ROOT / "launch" / f"{name}.yaml").read_text(encoding="utf-8")
-        text = text.replace(old, old + new if name == "emulated" else new, 1)
-        if name == "sim":
-            run = "run: nodes.experiment:Experiment\n    params:\n"
-            text = text.replace(run, f"{run}      from_m: {PATH_M[0]}\n      to_m: {PATH_M[1]}\n")
-        (folder / "launch" / f"{name}.yaml").write_text(text, encoding="utf-8")
+    return folder
 
 
 def run_emulated(folder: Path, arguments: tuple[str, ...], enough: Callable[[], bool]) -> str:
@@ -99,23 +89,13 @@ def run_emulated(folder: Path, arguments: tuple[str, ...], enough: Callable[[], 
     return path.read_text(encoding="utf-8")
 
 
-def training(count: int) -> tuple[str, ...]:
-    """Return the argument for at least so many training palpations: fifteen are one of each kind."""
-    return (f"training:={-(-count // 15)}",)
-
-
-def palp(folder: Path, *arguments: str) -> None:
-    """Run the command line to its end."""
-    subprocess.run(command(*arguments), env=environment(folder), cwd=folder, check=True, capture_output=True)
-
-
 def command(*arguments: str) -> list[str]:
     """Return a command of palp."""
     return [sys.executable, "-m", "palp_core", *arguments]
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return an environment whose graphs nobody else finds."""
+    """Return an environment with run directories of its own."""
     runs = folder / "run"
     runs.mkdir(exist_ok=True)
     return {**os.environ, "XDG_RUNTIME_DIR": str(runs), "PYTHONPATH": str(ROOT / "src")}
@@ -153,16 +133,16 @@ def emg(bag: Path) -> dict[str, float]:
 
 
 def drift_ppm(starts_ns: Int64Array, lengths: Int64Array) -> float:
-    """Return how much faster than 1500 Hz the amplifier's clock runs beside the host's, over the run."""
+    """Return how much faster than 1500 Hz the amplifier's clock runs by the host's, over the run."""
     numbers = np.cumsum(lengths) - lengths
     slope_ns = np.polyfit(numbers, starts_ns - starts_ns[0], 1)[0]
     return float((1e9 / 1500.0 / slope_ns - 1.0) * 1e6)
 
 
 def delays(bag: Path) -> dict[str, float]:
-    """Return how long after a sweep's last sample what it says was told."""
-    told_ns, last_ns = (to_numpy(bag, "/estimator/palpation", name) for name in ("stamp_ns", "end_ns"))
-    delays_ms = (told_ns - last_ns) * 1e-6
+    """Return how long after a sweep's last sample its belief was published."""
+    stamp_ns, last_ns = (to_numpy(bag, "/estimator/palpation", name) for name in ("stamp_ns", "end_ns"))
+    delays_ms = (stamp_ns - last_ns) * 1e-6
     return {
         "belief_ms_p50": float(np.median(delays_ms)),
         "belief_ms_p99": float(np.percentile(delays_ms, 99)),
@@ -170,7 +150,7 @@ def delays(bag: Path) -> dict[str, float]:
     }
 
 
-def beside_simulation(emulated: Path, sim: Path) -> dict[str, float]:
+def compare_simulation(emulated: Path, sim: Path) -> dict[str, float]:
     """Return how far the emulated run's training sweeps are from the simulation's of the same seed."""
     peaks, means, sds = [], [], []
     for k, (one, other) in enumerate(zip(read_rows(emulated), read_rows(sim), strict=False)):
@@ -190,4 +170,63 @@ def beside_simulation(emulated: Path, sim: Path) -> dict[str, float]:
         "sweep_bias_n_mm_max": float(np.max(np.abs(means))),
         "sweep_off_sd_n_mm": float(np.mean(sds)),
         "resolution_n_mm": RESOLUTION_N_M * 1e3,
+    }
+
+
+def decisions(count: int = 201, *, stale_ms: float = 0.0, beat_ms: float = 0.0) -> dict[str, Any]:
+    """Run trials that are decided within the sweep, at one position; return how soon.
+
+    Args:
+        count: Trials, on three phantoms.
+        stale_ms: Longest time without a sample of torque; 0: the launch file's.
+        beat_ms: Longest time without a heartbeat; 0: the launch file's.
+    """
+    each = -(-count // PHANTOMS)
+    deadlines = {"stale_ms": stale_ms, "beat_ms": beat_ms}
+    with tempfile.TemporaryDirectory(prefix="palp-bench-") as name:
+        folder = workspace(Path(name))
+        bag, out = folder / "bag", folder / "out"
+        arguments = (
+            "protocol:=swift", "policy:=fixed", "rings_mm:=16", "training:=4", f"trials:={each}",
+            f"out:={out}", "--record", str(bag),
+            *(f"shared.{key}:={value}" for key, value in deadlines.items() if value),
+        )  # fmt: skip
+        output = run_emulated(folder, arguments, lambda: False)
+        rows = [row for row in read_rows(out) if row.phase == "estimation"]
+        return {
+            "trials": len({row.trial for row in rows}),
+            "trips": [line for line in output.splitlines() if "/safety: tripped" in line],
+            **_lateness(bag),
+            **_way_on(bag),
+        }
+
+
+def _lateness(bag: Path) -> dict[str, float]:
+    """Return how long after a block's last sample its belief was published."""
+    stamp_ns, last_ns = (to_numpy(bag, "/estimator/outlook", name) for name in ("stamp_ns", "sample_ns"))
+    late_ms = (stamp_ns - last_ns) * 1e-6
+    return {
+        "beliefs": len(late_ms),
+        **{f"belief_ms_p{p}": float(np.percentile(late_ms, p)) for p in (50, 99)},
+        "belief_ms_max": float(late_ms.max()),
+    }
+
+
+def _way_on(bag: Path) -> dict[str, float]:
+    """Return how far the stage goes on after the first "decided" of each trial, by its own reports."""
+    when_ns, y_m = (to_numpy(bag, "/stage/report", name) for name in ("stamp_ns", "y_m"))
+    way_mm, seen = [], set[int]()
+    for message in read(bag, ["/estimator/outlook"]):
+        outlook = message.value
+        if outlook.verdict != "decided" or outlook.trial in seen:
+            continue
+        seen.add(outlook.trial)
+        first = int(np.searchsorted(when_ns, outlook.stamp_ns))
+        resting = np.flatnonzero(np.abs(np.diff(y_m[first:])) <= AT_REST_M)
+        at_decision_m = np.interp(outlook.stamp_ns, when_ns, y_m)
+        way_mm.append(abs(y_m[first + int(resting[0])] - at_decision_m) * 1e3)
+    return {
+        "decided_in_sweep": len(way_mm),
+        "way_on_mm_p50": float(np.median(way_mm)),
+        "way_on_mm_max": float(np.max(way_mm)),
     }

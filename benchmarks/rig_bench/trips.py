@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
 from .running import LAUNCHER, RunningRig  # noqa: TID252 -- neighbours, of a script and of a package
 
 __all__ = ["NODES", "deaths", "trips"]
@@ -45,7 +44,7 @@ def trips(at_rest: int, sweeping: int) -> dict[str, Any]:
     The time is from when the sensor took the first sample over the limit, so 0.5 ms on a bus of 500 kbit/s
     are in it, to when the kernel of the controller's host received the ABORT.
     """
-    host, others = host_words(), 0
+    others = 0
     latencies_ms: list[float] = []
     beyond_mm: list[float] = []
     with running() as rig:
@@ -66,7 +65,6 @@ def trips(at_rest: int, sweeping: int) -> dict[str, Any]:
             rig.until(lambda: acknowledged(rig), "acknowledgement")
     counts, _ = np.histogram(latencies_ms, EDGES_MS)
     return {
-        "host": host,
         "trips": len(latencies_ms),
         "for_another_cause": others,
         "ms_p50": round(float(np.median(latencies_ms)), 3),
@@ -97,7 +95,7 @@ def wait_for_abort(rig: RunningRig) -> float | None:
 
 
 def permitted(rig: RunningRig) -> bool:
-    """Acknowledge until nothing is wrong any more; tell whether motion is permitted."""
+    """Acknowledge until nothing is wrong any more; return whether motion is permitted."""
     status = rig.safety()
     if status["cause"]:
         rig.call("safety", "acknowledge")
@@ -105,7 +103,7 @@ def permitted(rig: RunningRig) -> bool:
 
 
 def acknowledged(rig: RunningRig) -> bool:
-    """Acknowledge; tell whether no trip is left."""
+    """Acknowledge; return whether no trip is left."""
     rig.call("safety", "acknowledge")
     return not rig.safety()["cause"]
 
@@ -115,7 +113,7 @@ def deaths(
 ) -> dict[str, dict[str, Any]]:
     """Return how long after a signal to a node the stage rests, in ms, per node and signal.
 
-    Each is the worst of the repeats, beside how far the sweep went on in mm.
+    Each is the worst of the repeats, with how far the sweep went on in mm.
     """
     found: dict[str, dict[str, Any]] = {}
     for node in nodes:

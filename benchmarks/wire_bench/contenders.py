@@ -125,7 +125,7 @@ def run_palp(phases: list[Phase], readers: int = 1) -> Outcome:
         return _read(folder, phases, readers)
 
 
-def run_scripts(script: Path, phases: list[Phase], readers: int = 1, *, python: str) -> Outcome:
+def run_scripts(script: Path, phases: list[Phase], readers: int = 1) -> Outcome:
     """Run a contender whose two roles are a script: ``pitcher|catcher FOLDER NUMBER READERS``.
 
     Raises:
@@ -135,7 +135,7 @@ def run_scripts(script: Path, phases: list[Phase], readers: int = 1, *, python: 
         roles = [("pitcher", 0), *(("catcher", number) for number in range(readers))]
         running: dict[str, subprocess.Popen[bytes]] = {}
         for role, number in roles:
-            command = [python, str(script), role, str(folder), str(number), str(readers)]
+            command = [sys.executable, str(script), role, str(folder), str(number), str(readers)]
             said = stack.enter_context((folder / f"{role}{number}.said").open("wb"))
             process = subprocess.Popen(command, env=environment(folder), stdout=said, stderr=said)
             running[f"{role}{number}"] = stack.enter_context(process)

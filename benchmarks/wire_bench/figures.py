@@ -13,7 +13,7 @@ import numpy as np
 from wire_bench.contenders import Outcome
 from wire_bench.plan import Phase
 
-__all__ = ["QUANTILES", "Measure", "Results"]
+__all__ = ["PALP", "QUANTILES", "Measure", "Results"]
 
 QUANTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999}
 PALP = "palp"

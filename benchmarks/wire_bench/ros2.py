@@ -3,7 +3,7 @@
 The array travels as the ``data`` of a ``sensor_msgs/Image``, which rclpy takes and gives as one buffer (the
 fastest of the standard messages for bytes), and is read as a numpy array.
 
-Run by the bench, with a Python that has rclpy: ``python ros2.py pitcher|catcher FOLDER NUMBER READERS``.
+Run by the bench, where rclpy is installed: ``python ros2.py pitcher|catcher FOLDER NUMBER READERS``.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import os
 import subprocess
@@ -35,11 +35,6 @@ def plan() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def peers() -> ModuleType:
-    return _module("peers")
-
-
-@pytest.fixture(scope="module")
 def figures() -> ModuleType:
     return _module("figures")
 
@@ -68,7 +63,7 @@ def test_the_bench_states_palp_over_raw_with_the_spread_of_its_rounds() -> None:
 
 
 @pytest.mark.nightly
-def test_a_call_is_stated_beside_a_round_trip() -> None:
+def test_a_call_is_stated_next_to_a_round_trip() -> None:
     done = _bench("--quick", "--rounds", 1, *(word for kind in KINDS for word in ("--only", kind)))
     assert done.returncode == 0, done.stderr
     for line in ("palp's own trip", "1mib rate", "rate rate", "call cpu", "fan p50"):
@@ -76,9 +71,11 @@ def test_a_call_is_stated_beside_a_round_trip() -> None:
 
 
 @pytest.mark.nightly
-def test_ros2_runs_beside_palp_where_it_is_installed(peers: ModuleType) -> None:
-    if not (Path.home() / ".cache" / "palp-peers" / "ros2" / peers.INSTALLED).exists():
-        pytest.skip("ros2 is not installed; benchmarks/wires.py --peer ros2 does")
+@pytest.mark.skipif(
+    not all(map(importlib.util.find_spec, ("rclpy", "sensor_msgs"))),
+    reason="needs rclpy and sensor_msgs: pip install --editable '.[dev,ros2]'",
+)
+def test_ros2_is_measured_where_it_is_installed() -> None:
     done = _bench("--quick", "--rounds", 1, "--json", "--only", "latency", "--peer", "ros2")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -86,7 +83,7 @@ def test_ros2_runs_beside_palp_where_it_is_installed(peers: ModuleType) -> None:
     assert found["lost"]["ros2"] == 0
 
 
-def test_a_peer_whose_end_fails_says_what_that_end_said(peers: ModuleType, tmp_path: Path) -> None:
+def test_a_peer_whose_end_fails_is_an_error_with_its_output(tmp_path: Path) -> None:
     script = tmp_path / "broken.py"
     script.write_text(
         "import sys, threading\n"
@@ -96,7 +93,7 @@ def test_a_peer_whose_end_fails_says_what_that_end_said(peers: ModuleType, tmp_p
     )
     phase = _module("plan").Phase("stream", 48, 1000.0, 0.1)
     with pytest.raises(RuntimeError, match=r"broken catcher0 ended with 1: this end has no wire"):
-        peers.run_scripts(script, [phase], python=sys.executable)
+        _module("contenders").run_scripts(script, [phase])
 
 
 def test_cpu_time_is_that_of_all_ends_between_begin_and_end(tmp_path: Path) -> None:
@@ -181,7 +178,7 @@ def test_one_hiccup_is_not_a_limit(plan: ModuleType) -> None:
     assert search.best_hz == 8000.0
 
 
-def test_the_reader_counts_each_stage_anew_and_keeps_only_streams(plan: ModuleType, tmp_path: Path) -> None:
+def test_the_reader_counts_each_stage_and_keeps_only_streams(plan: ModuleType, tmp_path: Path) -> None:
     arrivals = plan.Arrivals()
     assert not arrivals.take(plan.index_of(0, 0, 1), 10, 20)
     assert arrivals.take(plan.index_of(1, 0, 1, asked=True), 30, 40)
