@@ -3,7 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,18 +15,15 @@ from scipy.stats import norm
 
 from nodes.experiment_plan import ExperimentParams
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
-from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies import session as simulation
-from palp_core.palpation.studies.catalogue import OPTIONS, study
+from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.frontier import study as frontier
 from palp_core.palpation.studies.frontier.charts import frontier_chart
 from palp_core.palpation.studies.frontier.limits import fano_accuracy, wald_accuracy
 from palp_core.palpation.studies.frontier.study import (
-    GEL_SCHEMES,
     compare_schemes,
     depth_case,
     depth_rows,
-    gel_rows,
     scheme_rows,
 )
 from palp_core.palpation.studies.plan import PAPER_PROTOCOL, SWIFT, Conditions, Gel
@@ -54,7 +51,7 @@ PLAN = WorldPlan(
     gel=RINGS,
 )
 UNIFORM = lab_scheme("contrast", "uniform", "threshold")
-OF_GELS = [scheme for scheme in GEL_SCHEMES if scheme.protocol == PAPER_PROTOCOL]
+WHOLE = [lab_scheme(reading, "fixed_best", "threshold") for reading in ("peak", "contrast", TRACE)]
 PAPERS_RULE = lab_scheme(TRACE, "fixed_best", "paper")
 
 
@@ -65,7 +62,7 @@ def ended(plan: WorldPlan, seed: tuple[int, ...], *schemes: Scheme) -> dict[str,
 @pytest.fixture(scope="module")
 def whole() -> dict[str, SchemeRun]:
     """What schemes of whole sweeps did in a session."""
-    return ended(PLAN, (3, 4), *OF_GELS, UNIFORM, PAPERS_RULE)
+    return ended(PLAN, (3, 4), *WHOLE, UNIFORM, PAPERS_RULE)
 
 
 @pytest.mark.usefixtures("whole")  # its contact models are set up
@@ -84,7 +81,7 @@ def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     assert (early.seconds[once] <= late.seconds.min() + 1e-12).all()
 
 
-def test_the_swift_protocol_and_the_defaults_are_those_of_the_launch_files() -> None:
+def test_the_swift_protocol_and_the_defaults_are_those_of_the_launch_file() -> None:
     args = yaml.safe_load((LAUNCH / "parts/experiment.yaml").read_text(encoding="utf-8"))["args"]
     told = args["protocol"]["sets"]["swift"]
     assert (told["from_m"], told["to_m"]) == SWIFT.path_m
@@ -92,9 +89,7 @@ def test_the_swift_protocol_and_the_defaults_are_those_of_the_launch_files() -> 
     assert (told["rehome"], told["stop_value"]) == ("never", SURE)
     assert not SWIFT.rehome
     for name in ("mounting", "specimens"):
-        usual = {getattr(one(), name) for one in (Conditions, ExperimentParams)} | {OPTIONS[name]}
-        assert usual == {args[name]["default"]}
-    assert tuple(args["specimens"]["choices"]) == get_args(Specimens)
+        assert {getattr(one(), name) for one in (Conditions, ExperimentParams)} == {args[name]["default"]}
 
 
 def test_a_whole_sweep_of_the_paper_takes_what_the_stage_takes() -> None:
@@ -174,7 +169,7 @@ def test_what_simulating_costs_is_no_part_of_deciding(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("palp_core.palpation.studies.schemes.begin", watched)
     monkeypatch.setattr(TraceTable, "traces", take_long)
-    for run in ended(PLAN, (3, 4), UNIFORM, OF_GELS[2]).values():
+    for run in ended(PLAN, (3, 4), UNIFORM, WHOLE[2]).values():
         assert run.cpu_s == 0.0
     assert now_s[0] > 0.0
 
@@ -222,17 +217,6 @@ def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: dict[str, 
         assert len(crosses) == 1
     assert len([line for line in speed.lines if line.get_linestyle() in (":", "--")]) == 2
     assert [row[1] for row in chart.rows] == [fixed, UNIFORM.name]
-
-
-def test_a_filter_chooses_its_contact_model_by_what_it_reads_whatever_the_gel_is(
-    whole: dict[str, SchemeRun],
-) -> None:
-    runs = [{scheme.name: whole[scheme.name] for scheme in OF_GELS}]
-    rows = gel_rows({"l2": runs, "l4": runs})
-    assert [row["gel"] for row in rows] == ["l2"] * len(OF_GELS) + ["l4"] * len(OF_GELS)
-    chosen = {(row["reading"], row["filter"]) for row in rows}
-    assert chosen == {("peak", "l2"), ("contrast", "l4"), ("trace", "l4, l2")}
-    assert set(PLAN.table(PLAN.gel).rungs) == {"l4", "l2"}  # it has to be right all along the sweep
 
 
 @pytest.mark.slow

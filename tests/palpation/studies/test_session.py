@@ -14,7 +14,7 @@ from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.orders import MOUNTINGS
 from palp_core.palpation.studies.plan import Conditions, Gel, sweep_torque
-from palp_core.palpation.studies.session import WorldPlan, begin, feature_of, worlds
+from palp_core.palpation.studies.session import PLANS, WorldPlan, begin, feature_of
 from palp_core.palpation.studies.training import train_feature
 from palp_core.palpation.world.draws import PARTS
 from palp_core.palpation.world.latents import LATENTS
@@ -22,6 +22,12 @@ from palp_core.palpation.world.model import LAB, PAPER
 
 SMALL = Gel(rings_m=(0.016,), reading="trace")
 FEW = Conditions(training=4, trials=3, specimens="other", phantoms=2, mounting="each_trial")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def table_of_the_lab() -> None:
+    """Set up what the sessions of the lab's world share."""
+    WorldPlan(world=LAB, gel=SMALL).table(SMALL)
 
 
 @pytest.mark.parametrize("feature", ["peak", "contrast"])
@@ -38,7 +44,7 @@ def test_bins_give_the_feature_that_the_chain_reads(feature: str) -> None:
     assert np.abs(apart).max() < 1e-4  # half of what a texture of 0.2 N mm adds; training has it too
 
 
-def test_sessions_of_one_seed_share_their_luck_and_differ_in_what_is_told() -> None:
+def test_sessions_of_one_seed_share_their_luck_and_differ_in_their_shift() -> None:
     few = WorldPlan(world=LAB, conditions=FEW, gel=SMALL)
     one, again = begin(few, (1, 2)), begin(few, (1, 2))
     other = begin(replace(few, shift=(("friction", 0.2),)), (1, 2))
@@ -77,9 +83,9 @@ def test_mounting_and_specimens_make_the_same_world_on_the_graph_and_in_a_study(
     mounting: str, specimens: plan.Specimens
 ) -> None:
     """Phantoms and mountings are as many in both, and as many trials are of phantoms of training."""
-    few = worlds(mounting, specimens)["lab"]
-    conditions = replace(few.conditions, training=6, trials=6)
-    session = begin(replace(few, conditions=conditions, gel=SMALL), (1, 8))
+    phantoms = PLANS["lab"].conditions.phantoms if specimens == "other" else 1
+    conditions = Conditions(mounting=mounting, specimens=specimens, phantoms=phantoms, training=6, trials=6)
+    session = begin(WorldPlan(LAB, conditions, SMALL), (1, 8))
     design = design_of(
         ExperimentParams(
             mounting=mounting,

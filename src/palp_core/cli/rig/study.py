@@ -39,8 +39,7 @@ def run(
     quick: Annotated[bool, option("Few values: minutes instead of an hour.", "--quick")] = False,
     workers: Annotated[int, option("Local processes, where the study can use them.")] = 1,
     dask: Annotated[str, option("Dask scheduler instead, as tcp://host:8786.")] = "",
-    mounting: Annotated[str, option("As mounting:= of a launch file; not a CSV.")] = "",
-    specimens: Annotated[str, option("As specimens:= of a launch file.")] = "",
+    sessions: Annotated[int, option("Most sessions of a case; 0: as many as published.")] = 0,
 ) -> None:
     """Run a study: charts, tables and a page.
 
@@ -48,21 +47,12 @@ def run(
     """
     import palp_core
     from palp_core.graph.clock import local_time_name
-    from palp_core.palpation.studies.catalogue import study
+    from palp_core.palpation.studies.catalogue import OPTIONS, study
     from palp_core.whole_file import write_json
 
     chosen = study(name)
-    options = {
-        option: value
-        for option, value, usual in (
-            ("quick", quick, False),
-            ("workers", workers, 1),
-            ("dask", dask, ""),
-            ("mounting", mounting, ""),
-            ("specimens", specimens, ""),
-        )
-        if value != usual
-    }
+    given = {"quick": quick, "workers": workers, "dask": dask, "sessions": sessions}
+    options = {name: value for name, value in given.items() if value != OPTIONS[name]}
     make_folder(out)
     note(f"{chosen.name}: {chosen.question}")
     try:

@@ -9,12 +9,11 @@ from typing import Any
 
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign, import_foreign
-from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.studies.parallel import read_lines
 from palp_core.published import STUDIES as PUBLISHED
 from palp_core.published import published
 
-OPTIONS = {"quick": False, "workers": 1, "dask": "", "mounting": GROUPED, "specimens": "same"}
+OPTIONS = {"quick": False, "workers": 1, "dask": "", "sessions": 0}
 """What a study's function may take, and the usual value of each."""
 
 

@@ -32,7 +32,6 @@ J = TypeVar("J")
 R = TypeVar("R")
 Seed = tuple[int, ...]
 
-_SOURCES = ("mechanics/**/*.py", "nano17.py", "perception/**/*.py", "studies/**/*.py")
 _EVERY_NS = 20_000_000_000
 
 
@@ -159,7 +158,7 @@ def source_digest() -> str:
     """Return a digest of the source that results come from: changed code never reads an old result."""
     total = hashlib.sha256()
     root = Path(palpation.__file__).parent
-    for path in sorted(path for pattern in _SOURCES for path in root.glob(pattern)):
+    for path in sorted(root.rglob("*.py")):
         total.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return total.hexdigest()
 

@@ -81,12 +81,11 @@ class Scheme:
     stop: StopRule = field(default_factory=PaperVerbatim)  # the stop rule
     # the cycle of a palpation; None: whole sweeps over the plan's path, as the paper times them
     protocol: Protocol | None = None
-    # what the latent filter assumes of the rig; None: it knows what makes the readings
+    # what the latent filter assumes of the rig; None: the spreads that landing and height have
     noise: RigNoise | None = None
     # how the human strategy is read: reconstruction, reading, mixture
     chain: tuple[str, str, str] = ("ar1", "column", "average")
     grid_m: tuple[float, ...] = ()  # depths to decide among, where these are not the session's
-    per_second: bool = False  # whether information gain weighs seconds
 
 
 def lab_scheme(reading: str, policy: str, rule: str, protocol: str = "paper") -> Scheme:
@@ -221,7 +220,7 @@ def ring_policy(scheme: Scheme, known: TrainedFeature) -> StiffnessPolicy | None
         case "uniform_stiff":
             return UniformRings(STIFF_M)
         case "information_gain" | "information_gain_latent":
-            return InformationGainLatent(informed[name], rings_m, per_second=scheme.per_second)
+            return InformationGainLatent(informed[name], rings_m)
     raise PalpError(f"there is no policy '{name}'; there are {', '.join(POLICIES)}")
 
 

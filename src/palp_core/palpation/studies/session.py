@@ -19,7 +19,6 @@ from palp_core.palpation.mechanics.scene.phantom_file import CAST_COUNT
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.session.orders import GROUPED
-from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.plan import PATH_M, Conditions, Gel
 from palp_core.palpation.studies.trace_table import (
     EVERY_LATENT,
@@ -37,7 +36,7 @@ from palp_core.palpation.world.draws import (
     together,
     wear_part,
 )
-from palp_core.palpation.world.model import PAPER, WORLDS, WorldModel
+from palp_core.palpation.world.model import LAB, PAPER, WorldModel
 from palp_core.palpation.world.texture import track
 from palp_core.units import Float64Array
 
@@ -98,11 +97,11 @@ class WorldPlan:
         return np.tile(np.arange(self.conditions.trials) % self.conditions.phantoms, depth_count)
 
 
-def worlds(mounting: str = GROUPED, specimens: Specimens = "same") -> dict[str, WorldPlan]:
-    """Return the plans of the paper's world and the lab's, by name."""
-    count = CAST_COUNT // 2 if specimens == "other" else 1
-    conditions = Conditions(mounting=mounting, specimens=specimens, phantoms=count)
-    return {name: WorldPlan(world, conditions) for name, world in WORLDS.items()}
+PLANS = {
+    "paper": WorldPlan(),
+    "lab": WorldPlan(LAB, Conditions(mounting="each_trial", specimens="other", phantoms=CAST_COUNT // 2)),
+}
+"""The paper's own design; the lab's world with a mounting a trial, of phantoms that training had not."""
 
 
 def feature_of(name: str, traces_n_m: Float64Array) -> Float64Array:

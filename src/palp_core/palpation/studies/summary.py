@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.errors import PalpError
 from palp_core.palpation.perception.statistics.resampling import (
     SessionMean,
     calibration_interval,
@@ -35,11 +36,32 @@ def publish(
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / f"{name}.json", report)
     for stem, records in tables.items():
-        flat = [{key: cell for key, cell in one.items() if key != "per_session"} for one in records]
-        write_records(out / f"{stem}.csv", flat)
+        write_records(out / f"{stem}.csv", [_flat(one) for one in records])
     pictures = [picture(chart, out) for chart in charts]
     values = {"report": report, "pictures": pictures} | page
     return write_page(out / "index.html", f"studies/{name}.html", **values)
+
+
+def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record without its sessions, the ends of each interval in columns of their own."""
+    found: dict[str, Any] = {}
+    for key, cell in record.items():
+        if isinstance(cell, list) and len(cell) == 2:
+            found |= {f"{key}_low": cell[0], f"{key}_high": cell[1]}
+        elif key != "per_session":
+            found[key] = cell
+    return found
+
+
+def at_most(usual: int, sessions: int) -> int:
+    """Return the sessions of a case: the study's usual number, or fewer where that is asked for.
+
+    >>> at_most(40, 0), at_most(40, 12), at_most(2, 12)
+    (40, 12, 2)
+    """
+    if sessions < 0:
+        raise PalpError(f"--sessions {sessions}: use 0 or more")
+    return min(usual, sessions) if sessions else usual
 
 
 def depth_key(depth_m: float) -> str:

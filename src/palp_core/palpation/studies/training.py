@@ -11,20 +11,18 @@ from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import (
     RigNoise,
+    assumed_noise,
     independent_model,
     latent_model,
     on_depths,
 )
-from palp_core.palpation.perception.belief.ring_curve import LEAST_RINGS, ring_curve
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.studies.plan import Gel
 from palp_core.palpation.studies.session import Indices, WorldPlan, WorldSession, begin, feature_of
 from palp_core.palpation.world.latents import latents
-from palp_core.palpation.world.model import PAPER
 from palp_core.units import Float64Array
 
 _STEP_M = 5e-5
-_NOISY_SWEEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +73,15 @@ def train_feature(
     )
     best = best_ring(readings.reshape(len(gel.depths_m), len(gel.rings_m), -1))
     naive = latent = independent_model(primitives)
-    if len(gel.rings_m) < 2:
-        pass  # nothing tells how a reading answers to the ring
-    elif noise is None:
-        latent = informed_model(primitives, plan, feature)
-    else:
+    if len(gel.rings_m) > 1:  # one ring does not show how a reading answers to it
         slope = _height_slope(gel, feature)
         if grid_m:
             grid = np.asarray(grid_m)
             primitives = primitives.interpolated(grid)
             naive = independent_model(primitives)
             slope = on_depths(slope, np.asarray(gel.depths_m), grid)
-        latent = latent_model(primitives, noise, slope)
+        usual = assumed_noise(plan.conditions.ring_sd_m, plan.conditions.height_sd_m)
+        latent = latent_model(primitives, noise or usual, slope)
     return TrainedFeature(session, feature, grid_m or session.depths_m, primitives, best, naive, latent)
 
 
@@ -136,46 +131,6 @@ def reading_slopes(plan: WorldPlan, feature: str) -> tuple[Float64Array, Float64
     return ring / (2.0 * _STEP_M), height / (2.0 * _STEP_M)
 
 
-@functools.lru_cache(maxsize=64)
-def _reading_noise(plan: WorldPlan, feature: str) -> Float64Array:
-    """Return the spread of the reading that the sensor's noise makes, N m, shape (m, k)."""
-    table, (depth, ring) = plan.table(plan.gel), _cells(plan)
-    clean = np.repeat(table.traces(depth, ring, latents(len(depth))), _NOISY_SWEEPS, axis=0)
-    luck = np.random.default_rng(20).standard_normal((len(clean), 2 * clean.shape[1] + 2))
-    noise_sd_n_m = plan.gel.noise_factor * RESOLUTION_N_M
-    noisy = feature_of(feature, clean + table.sensor(PAPER, luck, noise_sd_n_m=noise_sd_n_m))
-    return np.asarray(noisy.reshape(len(plan.gel.depths_m), -1, _NOISY_SWEEPS).std(axis=2, ddof=1))
-
-
 def _cells(plan: WorldPlan) -> tuple[NDArray[np.int64], ...]:
     depth, ring = np.indices((len(plan.gel.depths_m), len(plan.gel.rings_m)))
     return depth.ravel(), ring.ravel()
-
-
-def informed_model(primitives: Primitives, plan: WorldPlan, feature: str) -> OffsetModel:
-    """Return primitives that know what stays.
-
-    Offsets: the ring's landing (until it moves), the height (for the trial), and the error that training left
-    in each depth's mean (for the trial; its landings were as few as they were). Means lie on a curve over the
-    ring through the session's own, where there are rings enough and the cells do not contradict it. Known
-    from the rig, not from this session: the spreads of landing and height, the sensor's noise, and how a
-    reading answers to both offsets. A height counts against that of the training's mounting, hence its
-    variance twice; against their mean where training had many.
-    """
-    mean, rings_m, conditions = primitives.mean, primitives.rings_m, plan.conditions
-    landings = conditions.training if conditions.training_lands == "each" else 1
-    (ring, height), sd = reading_slopes(plan, feature), conditions.ring_sd_m
-    noise = _reading_noise(plan, feature) ** 2 + primitives.floor**2
-    error_sd = np.sqrt((ring * sd) ** 2 / landings + noise / conditions.training)
-    curve = ring_curve(mean, error_sd, rings_m) if len(rings_m) >= LEAST_RINGS else None
-    if curve is not None and curve.fits:
-        mean, root = curve.mean, curve.root
-    else:
-        root = error_sd[..., None] * np.eye(len(rings_m))
-    slope = np.concatenate([np.stack([ring, height], axis=-1), root], axis=-1)[:, :, None, :]
-    height_sd = np.sqrt(1.0 + 1.0 / conditions.training_mounts) * conditions.height_sd_m
-    left = root.shape[-1]
-    offset_sd = np.array([sd, height_sd, *[1.0] * left])
-    return OffsetModel(
-        mean[..., None], noise[..., None, None], slope, offset_sd, (True, *[False] * (1 + left))
-    )

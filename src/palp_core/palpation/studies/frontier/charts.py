@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palp_core.palpation.reporting import charts
+from palp_core.palpation.studies.charts import Curve, Panel, curves_chart
 from palp_core.palpation.studies.summary import Records, pareto_front
 
 if TYPE_CHECKING:
@@ -140,36 +141,28 @@ def _legend(figure: Figure) -> None:
 
 def threshold_chart(rows: Records) -> charts.Chart:
     """What a threshold gives where the belief is looked at forty times a sweep."""
-    worlds = list(dict.fromkeys(row["world"] for row in rows))
-    columns = ["world", "threshold", "accuracy", "seconds", "probes", "ece", "overconfidence"]
-
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, 2)
-        for index, world in enumerate(worlds):
-            own = [row for row in rows if row["world"] == world]
-            style = charts.depth_style(index)
-            wrong = [1.0 - row["threshold"] for row in own]
-            panels[0].plot(wrong, [100.0 * row["overconfidence"] for row in own], label=world, **style)
-            panels[1].plot(
-                [row["seconds"] for row in own],
-                [100.0 * row["accuracy"] for row in own],
-                label=world,
-                **style,
-            )
-        panels[0].set_xscale("log")
-        panels[0].axhline(0.0, color=charts.GREY, linewidth=0.8)
-        charts.legend(figure, "world", handles=panels[1].get_lines(), ncols=len(worlds))
-        charts.tidy(panels[0], "Looking often", "1 - threshold", "more sure than right, points")
-        charts.tidy(panels[1], "What it buys", "seconds of the rig a decision", "right, %")
-
-    return charts.Chart(
+    wrong, bought = [], []
+    for index, world in enumerate(dict.fromkeys(row["world"] for row in rows)):
+        look = charts.depth_style(index)
+        threshold, overconfidence, seconds, accuracy = np.array(
+            [
+                [row[key] for key in ("threshold", "overconfidence", "seconds", "accuracy")]
+                for row in rows
+                if row["world"] == world
+            ]
+        ).T
+        wrong.append(Curve(world, 1.0 - threshold, 100.0 * overconfidence, look))
+        bought.append(Curve(world, seconds, 100.0 * accuracy, look))
+    return curves_chart(
         "thresholds",
         "Where to set the threshold when every 2 mm are looked at",
         "Decided in the sweep at the stiffest ring. Left: stated confidence less the share that is right; a "
         "belief that is looked at often stops where it is too sure. Right: each point a threshold of 0.9, "
         "0.95, 0.98, 0.99, 0.995, 0.999, from the left.",
         3.6,
-        columns,
-        [[row[name] for name in columns] for row in rows],
-        draw,
+        [
+            Panel("Looking often", "1 - threshold", "more sure than right, points", wrong, scale="log"),
+            Panel("What it buys", "seconds of the rig a decision", "right, %", bought),
+        ],
+        legend="world",
     )

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PosteriorThreshold
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
-from palp_core.palpation.session.orders import GROUPED
-from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.charts import frontier_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
 from palp_core.palpation.studies.parallel import Runner, Seed
-from palp_core.palpation.studies.plan import SWIFT, Gel
+from palp_core.palpation.studies.plan import SWIFT
 from palp_core.palpation.studies.schemes import TRACE, Case, Scheme, SessionRuns, lab_scheme
 from palp_core.palpation.studies.schemes import run as run_cases
-from palp_core.palpation.studies.session import WorldPlan, begin, worlds
-from palp_core.palpation.studies.summary import ends, paired, pareto_front, publish, some, summarise
+from palp_core.palpation.studies.session import PLANS, WorldPlan, begin
+from palp_core.palpation.studies.summary import at_most, ends, paired, pareto_front, publish, some, summarise
 from palp_core.palpation.studies.trials import BIN_M, model_of, settings_of
 from palp_core.units import Float64Array
 
@@ -53,15 +50,6 @@ THRESHOLDS = {
     for level in (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 }
 """Decided in the sweep at the stiffest ring, the belief looked at every 2 mm."""
-GEL_SCHEMES = tuple(
-    lab_scheme(*words)
-    for words in (
-        ("peak", _FIXED, "threshold"),
-        ("contrast", _FIXED, "threshold"),
-        (TRACE, _FIXED, "threshold"),
-        (TRACE, _FIXED, "threshold", "swift"),
-    )
-)
 GRID_M = tuple(np.round(np.linspace(0.002, 0.008, 31), 9).tolist())
 """Depths to decide among, of nodules at every third of them."""
 SWEEPS = (1, 4)
@@ -127,17 +115,6 @@ def _words(name: str) -> dict[str, str]:
     return dict(zip(("reading", "policy", "rule", "protocol"), words, strict=False)) | {"scheme": name}
 
 
-def gel_rows(found: Mapping[str, SessionRuns]) -> list[dict[str, Any]]:
-    """Return a line per contact model of the gel and scheme, with those of the filter."""
-    rows = []
-    for rung, sessions in found.items():
-        for row in scheme_rows("lab", sessions):
-            scenes = [Gel().scene(depth_m, row["reading"]) for depth_m in Gel().depths_m]
-            chosen = ", ".join(dict.fromkeys(choose_rung(scene).rung for scene in scenes))
-            rows.append({"gel": rung, "filter": chosen, **row})
-    return rows
-
-
 def threshold_rows(world: str, sessions: SessionRuns) -> list[dict[str, Any]]:
     """Return the cost of looking often: a line per threshold."""
     rows = []
@@ -173,46 +150,31 @@ def session_limits(plan: WorldPlan, seed: Seed) -> Float64Array:
 
 
 def run(
-    out: Path,
-    *,
-    quick: bool = False,
-    workers: int = 1,
-    dask: str = "",
-    seed: int = 1,
-    mounting: str = GROUPED,
-    specimens: Specimens = "same",
+    out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", sessions: int = 0, seed: int = 1
 ) -> Path:
     """Run every scheme in both worlds, write tables and charts, and return the page."""
-    count = 2 if quick else 40
+    count = at_most(2 if quick else 40, sessions)
     few = max(1, count // 4)
-    plans, runner = worlds(mounting, specimens), Runner(seed, workers, dask)
-    cases = [Case(world, plan, (*SCHEMES, *THRESHOLDS.values())) for world, plan in plans.items()]
+    runner = Runner(seed, workers, dask)
+    cases = [Case(world, plan, (*SCHEMES, *THRESHOLDS.values())) for world, plan in PLANS.items()]
     found = run_cases(cases, count, runner, stream=SEEDS, label="sessions")
-    bounds = runner.run(session_limits, list(plans.values()), count, stream=SEEDS, label="sessions, limits")
-    by_depth = [depth_case(world, plan) for world, plan in plans.items()]
+    bounds = runner.run(session_limits, list(PLANS.values()), few, stream=SEEDS, label="sessions, limits")
+    by_depth = [depth_case(world, plan) for world, plan in PLANS.items()]
     off = run_cases(by_depth, few, runner, stream=SEEDS, label="sessions, 31 depths")
-    of_gels = [
-        Case(rung, replace(plans["lab"], gel=Gel(rung=rung, reading=TRACE)), GEL_SCHEMES)
-        for rung in ("l2", "l4")
-    ]
-    gels = gel_rows(run_cases(of_gels, few, runner, stream=SEEDS, label="sessions, gels"))
     rows = [row for world, sessions in found.items() for row in scheme_rows(world, sessions)]
     looked = [row for world, sessions in found.items() for row in threshold_rows(world, sessions)]
     depths = [row for world, sessions in off.items() for row in depth_rows(world, sessions)]
-    limits = {world: np.mean(own, axis=0).tolist() for world, own in zip(plans, bounds, strict=True)}
+    limits = {world: np.mean(own, axis=0).tolist() for world, own in zip(PLANS, bounds, strict=True)}
     report: dict[str, Any] = {
         "quick": quick,
         "sessions": count,
-        "mounting": mounting,
-        "specimens": specimens,
         "rows": rows,
         "thresholds": looked,
         "limits": limits,
         "comparisons": {world: comparisons(sessions) for world, sessions in found.items()},
         "depth_sessions": few,
         "depths": depths,
-        "gels": gels,
     }
     charts = [frontier_chart(rows, depths, limits), threshold_chart(looked)]
-    tables = {"frontier": rows, "depths": depths, "gels": gels}
+    tables = {"depths": depths}  # the charts write frontier.csv and thresholds.csv
     return publish(out, "frontier", charts, report=report, tables=tables, **report)

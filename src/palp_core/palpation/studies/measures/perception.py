@@ -19,7 +19,6 @@ from palp_core.palpation.mechanics.scene.scene import PAPER_DEPTHS_M, Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import start, update
 from palp_core.palpation.perception.belief.likelihoods import Cells
-from palp_core.palpation.perception.belief.rig_noise import assumed_noise
 from palp_core.palpation.perception.belief.stopping import (
     BeliefStep,
     FixedNumber,
@@ -41,8 +40,8 @@ from palp_core.palpation.perception.strategy.policies_informed import Informatio
 from palp_core.palpation.studies.parallel import seeds
 from palp_core.palpation.studies.plan import Conditions, Gel, sweep_torque
 from palp_core.palpation.studies.schemes import filter_model
-from palp_core.palpation.studies.session import WorldPlan, begin
-from palp_core.palpation.studies.training import TrainedFeature, train_feature
+from palp_core.palpation.studies.session import WorldPlan
+from palp_core.palpation.studies.training import TrainedFeature, begin_trained
 from palp_core.palpation.studies.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
@@ -76,8 +75,7 @@ def gel_of(scene: Scene, rings_m: tuple[float, ...] = RINGS_M) -> Gel:
 def sessions(gel: Gel, conditions: Conditions, count: int) -> list[TrainedFeature]:
     """Return sessions, each with a training and trials of its own."""
     plan = WorldPlan(gel=gel, conditions=conditions)
-    noise = assumed_noise(conditions.ring_sd_m, conditions.height_sd_m)
-    return [train_feature(begin(plan, seed), gel.reading, noise=noise) for seed in seeds(_SEED, 1, count)]
+    return [begin_trained(plan, seed) for seed in seeds(_SEED, 1, count)]
 
 
 def decide(trained: TrainedFeature, name: str, policy: StiffnessPolicy, rule: StopRule) -> Outcomes:

@@ -1,8 +1,8 @@
 """The paper's tests on our trials, the comparisons it did not make, and how many sessions these take."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import Any, Self
 
 import numpy as np
 from statsmodels.stats.power import normal_power, ttest_power  # type: ignore[import-untyped]
@@ -11,7 +11,6 @@ from palp_core.palpation.perception.statistics.anova import (
     NotTestable,
     bonferroni,
     mixed_logit,
-    permutation,
     two_way,
 )
 from palp_core.palpation.perception.statistics.resampling import SessionMean, cluster_bootstrap, compare
@@ -23,16 +22,14 @@ from palp_core.units import Float64Array
 
 Sessions = Mapping[str, Sequence[Outcomes]]
 
-FIXED_DEPTH_AND_RING = "fixed: depth and r_a"
-THREE_EXPERIMENTS = "human, fixed and human strategy: depth and experiment"
-_BEST = "best fixed position and human strategy: depth and experiment"
-
 REPORTED = {
-    FIXED_DEPTH_AND_RING: "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm "
+    "fixed: depth and r_a": "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm "
     "better than the rest, and r_a in three groups",
-    THREE_EXPERIMENTS: "depth and experiment significant, their interaction not; post hoc 2 mm best, "
-    "4 and 8 mm alike; human against fixed no difference, varied better than fixed",
-    _BEST: "no such analysis: its fixed stiffness is the average over five positions",
+    "human, fixed and human strategy: depth and experiment": "depth and experiment significant, their "
+    "interaction not; post hoc 2 mm best, 4 and 8 mm alike; human against fixed no difference, varied better "
+    "than fixed",
+    "best fixed position and human strategy: depth and experiment": "no such analysis: its fixed stiffness "
+    "is the average over five positions",
 }
 """What the paper says of each analysis."""
 
@@ -70,76 +67,75 @@ def comparisons(sessions: Sessions, average: Sequence[float]) -> list[dict[str, 
 
 
 def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
-    """Return the paper's two analyses of variance on our trials, and a third, and what to trust instead.
+    """Return the paper's two analyses of variance on our trials, and a third, with a mixed logit of each.
 
     One session is what the paper had; its table is that of the first session. The human's trials are those of
-    the published counts. The mixed logit and the permutation test are over all sessions, and our trials only.
+    the published counts. The mixed logit is over all sessions, of our trials only.
     """
     fixed = {name: sessions[name] for name in FIXED}
-    human = _published_human(depths_m)
     average = {"fixed": joined(fixed), "human strategy": sessions["markov"]}
     best = {"fixed_best": sessions["fixed_best"], "markov": sessions["markov"]}
+    asked = (
+        (fixed, "r_a", _Trials()),
+        (average, "experiment", _published(depths_m)),
+        (best, "experiment", _Trials()),
+    )
     return {
-        FIXED_DEPTH_AND_RING: {"paper": REPORTED[FIXED_DEPTH_AND_RING]} | _one(fixed, "r_a", depths_m),
-        THREE_EXPERIMENTS: {"paper": REPORTED[THREE_EXPERIMENTS]}
-        | _one(average, "experiment", depths_m, human),
-        _BEST: {"paper": REPORTED[_BEST]} | _one(best, "experiment", depths_m),
+        name: {"paper": reported} | _analyse(trials, factor, depths_m, human)
+        for (name, reported), (trials, factor, human) in zip(REPORTED.items(), asked, strict=True)
+    }
+
+
+@dataclass
+class _Trials:
+    """Outcome, depth, policy and session of trials."""
+
+    right: list[float] = field(default_factory=list)
+    depth: list[str] = field(default_factory=list)
+    kind: list[str] = field(default_factory=list)
+    session: list[int] = field(default_factory=list)
+
+    def add(self, right: list[float], depth: list[str], kind: str, session: int) -> None:
+        """Add the trials of a policy in a session."""
+        self.right += right
+        self.depth += depth
+        self.kind += [kind] * len(right)
+        self.session += [session] * len(right)
+
+    def add_sessions(self, sessions: Sessions, depths_m: Sequence[float]) -> Self:
+        """Add sessions of several policies."""
+        for name, found in sessions.items():
+            for number, one in enumerate(found):
+                depth = [depth_key(depths_m[c]) for c in one.depth.tolist()]
+                self.add(one.correct.astype(float).tolist(), depth, name, number)
+        return self
+
+
+def _published(depths_m: Sequence[float]) -> _Trials:
+    """Return the human's trials, from the published percentages."""
+    found = _Trials()
+    for key in map(depth_key, depths_m):
+        if key in HUMAN_RIGHT:
+            found.add([float(n < HUMAN_RIGHT[key]) for n in range(HUMAN_OF)], [key] * HUMAN_OF, "human", 0)
+    return found
+
+
+def _analyse(sessions: Sessions, factor: str, depths_m: Sequence[float], first: _Trials) -> dict[str, Any]:
+    first.add_sessions({name: found[:1] for name, found in sessions.items()}, depths_m)
+    table = two_way(first.right, first.depth, first.kind, names=("depth", factor))
+    groups = {} if isinstance(table, NotTestable) else {"depth": first.depth, factor: first.kind}
+    every = _Trials().add_sessions(sessions, depths_m)
+    logit = mixed_logit(every.right, {"depth": every.depth, factor: every.kind}, every.session)
+    return {
+        "as_in_the_paper": asdict(table),
+        "bonferroni": {
+            name: [asdict(pair) for pair in bonferroni(first.right, group)] for name, group in groups.items()
+        },
+        "mixed_logit": asdict(logit) if isinstance(logit, NotTestable) else [asdict(e) for e in logit],
     }
 
 
 _SOON = 5  # iterations within which most of the paper's trials ended
-
-Columns = tuple[list[float], list[str], list[str]]
-
-
-def _published_human(depths_m: Sequence[float]) -> Columns:
-    """Return outcome, depth and experiment of the human's trials, from the published percentages."""
-    keys = [key for key in map(depth_key, depths_m) if key in HUMAN_RIGHT]
-    right = [float(n < HUMAN_RIGHT[key]) for key in keys for n in range(HUMAN_OF)]
-    return right, [key for key in keys for _ in range(HUMAN_OF)], ["human"] * len(right)
-
-
-def _one(
-    sessions: Sessions, factor: str, depths_m: Sequence[float], more: Columns = ([], [], [])
-) -> dict[str, Any]:
-    first = {name: found[:1] for name, found in sessions.items()}
-    right, depth, kind, _ = _columns(first, depths_m)
-    right, depth, kind = right + more[0], depth + more[1], kind + more[2]
-    table = two_way(right, depth, kind, names=("depth", factor))
-    post = (
-        {}
-        if isinstance(table, NotTestable)
-        else {
-            "depth": [asdict(t) for t in bonferroni(right, depth)],
-            factor: [asdict(t) for t in bonferroni(right, kind)],
-        }
-    )
-    right, depth, kind, session = _columns(sessions, depths_m)
-    logit = mixed_logit(right, {"depth": depth, factor: kind}, session)
-    exchanged = permutation(right, kind, session, np.random.default_rng(13), shuffles=500)
-    return {
-        "as_in_the_paper": asdict(table),
-        "bonferroni": post,
-        "mixed_logit": asdict(logit) if isinstance(logit, NotTestable) else [asdict(e) for e in logit],
-        f"permutation_{factor}": asdict(exchanged) if isinstance(exchanged, NotTestable) else exchanged,
-    }
-
-
-def _columns(
-    sessions: Sessions, depths_m: Sequence[float]
-) -> tuple[list[float], list[str], list[str], list[int]]:
-    """Return outcome, depth, policy and session of every trial."""
-    right: list[float] = []
-    depth: list[str] = []
-    kind: list[str] = []
-    session: list[int] = []
-    for name, found in sessions.items():
-        for number, one in enumerate(found):
-            right += one.correct.astype(float).tolist()
-            depth += [depth_key(depths_m[c]) for c in one.depth.tolist()]
-            kind += [name] * len(one.depth)
-            session += [number] * len(one.depth)
-    return right, depth, kind, session
 
 
 def iterations(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:

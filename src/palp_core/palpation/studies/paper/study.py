@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.palpation.perception.strategy import figure5, markov
-from palp_core.palpation.studies.paper import charts_human, charts_rig
+from palp_core.palpation.studies.paper import figures
 from palp_core.palpation.studies.paper.cases import (
     READINGS,
     judge_scenes,
@@ -21,7 +21,7 @@ from palp_core.palpation.studies.plan import Conditions, Gel
 from palp_core.palpation.studies.schemes import FIXED, POLICIES, SessionRuns
 from palp_core.palpation.studies.schemes import run as run_cases
 from palp_core.palpation.studies.session import WorldPlan
-from palp_core.palpation.studies.summary import joined, publish, summarise
+from palp_core.palpation.studies.summary import at_most, joined, publish, summarise
 from palp_core.palpation.studies.training import begin_trained
 from palp_core.palpation.studies.trials import Outcomes
 
@@ -39,32 +39,34 @@ class PaperSize:
 QUICK = PaperSize(sessions=8, scene_sessions=0, why_sessions=0, trials=40)
 
 
-def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+def run(
+    out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", sessions: int = 0, seed: int = 1
+) -> Path:
     """Run the study, write ``paper.json``, the charts and the page, and return the page."""
     size = QUICK if quick else PaperSize()
     gel, conditions = Gel(), Conditions(trials=size.trials)
     plan, runner = WorldPlan(gel=gel, conditions=conditions), Runner(seed, workers, dask)
-    sessions = paper_sessions(plan, size.sessions, runner)
+    ended = paper_sessions(plan, at_most(size.sessions, sessions), runner)
     contacts = {gel.chosen_rung(depth_m) for depth_m in gel.depths_m}
-    report = results(sessions, gel.depths_m) | {
+    report = results(ended, gel.depths_m) | {
         "quick": quick,
         "seed": seed,
         "conditions": asdict(conditions) | asdict(gel) | {"contact_model": sorted(contacts)},
         "positions": positions(plan),
-        "scenes": judge_scenes(size.scene_sessions, runner),
-        "why": why_report(size.why_sessions, 40, runner),
+        "scenes": judge_scenes(at_most(size.scene_sessions, sessions), runner),
+        "why": why_report(at_most(size.why_sessions, sessions), 40, runner),
     }
     trained = begin_trained(plan, (0, seed, 0))
     charts = [
-        charts_human.figure_3(seed),
-        charts_human.figure_4(),
-        charts_human.figure_5(),
-        charts_rig.figure_7b(gel),
-        charts_rig.figure_8(gel, conditions, seed, count=8 if quick else 25),
-        charts_rig.figure_9(trained.primitives),
-        *charts_rig.figures_10_and_11(sessions, gel.depths_m, report["iterations"]),
-        charts_rig.figure_12(report["policies"]),
-        charts_rig.policies_chart(report["policies"]),
+        figures.figure_3(seed),
+        figures.figure_4(),
+        figures.figure_5(),
+        figures.figure_7b(gel),
+        figures.figure_8(gel, conditions, seed, count=8 if quick else 25),
+        figures.figure_9(trained.primitives),
+        *figures.figures_10_and_11(ended, gel.depths_m, report["iterations"]),
+        figures.figure_12(report["policies"]),
+        figures.policies_chart(report["policies"]),
     ]
     return publish(out, "paper", charts, report=report, tables={})
 

@@ -6,11 +6,12 @@ from typing import Any
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold, StopRule
 from palp_core.palpation.studies.plan import Conditions, Gel
 from palp_core.palpation.studies.schemes import FIXED, TRACE, Case, Scheme, lab_scheme
-from palp_core.palpation.studies.session import WorldPlan, worlds
+from palp_core.palpation.studies.session import PLANS, WorldPlan
 
+AVERAGE = "fixed_average"
 POLICIES = (
     *FIXED,
-    "fixed_average",
+    AVERAGE,
     "fixed_best",
     "markov",
     "uniform",
@@ -19,12 +20,15 @@ POLICIES = (
     "information_gain_latent",
     "reposition_best",
 )
-DESIGNS: dict[str, tuple[str, StopRule]] = {
-    "paper": ("naive", PaperVerbatim()),
-    "aware": ("latent", PosteriorThreshold()),
+DESIGNS: dict[str, tuple[str, str, StopRule]] = {
+    "paper": ("the paper's filter and stop rule", "naive", PaperVerbatim()),
+    "aware": (
+        "filter that knows what stays, posterior threshold 0.95",
+        "latent",
+        PosteriorThreshold(),
+    ),
 }
-"""Filter and stop rule: the paper's; and the filter that knows what stays, with a threshold that can stop at
-once."""
+"""What each is, its filter and its stop rule."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,8 @@ class Factor:
     """One factor and its values."""
 
     name: str  # as in tables
-    label: str  # with its unit, for an axis
     values: tuple[tuple[str, dict[str, Any]], ...]  # as shown, with what each sets, in order
     centre: str  # the value of the paper's design
-    numeric: bool = True  # whether values are numbers in order
 
 
 def _numbers(field: str, unit: float, *values: float, **more: Any) -> tuple[tuple[str, dict[str, Any]], ...]:
@@ -47,65 +49,38 @@ def _numbers(field: str, unit: float, *values: float, **more: Any) -> tuple[tupl
 _NEAR = {"height_reach_m": 0.5e-3}
 
 FACTORS = (
-    Factor("modulus", "Young's modulus, kPa", _numbers("modulus_pa", 1e3, 5, 10, 15, 20, 25, 30), "20"),
-    Factor("friction", "friction coefficient", _numbers("friction", 1.0, 0.15, 0.3, 0.45, 0.6, 0.8), "0.3"),
-    Factor(
-        "tip radius",
-        "radius of the tip, mm",
-        _numbers("tip_radius_m", 1e-3, 5, 6, 8, 10, **{"5": _NEAR}),
-        "6",
-    ),
-    Factor(
-        "indentation", "indentation, mm", _numbers("indentation_m", 1e-3, 2, 3, 4, 5, **{"5": _NEAR}), "4"
-    ),
-    Factor(
-        "repeatability",
-        "ring repeatability ±, mm",
-        _numbers("repeatability_m", 1e-3, 0, 0.1, 0.2, 0.3, 0.45, 0.6),
-        "0.3",
-    ),
+    Factor("modulus", _numbers("modulus_pa", 1e3, 5, 10, 15, 20, 25, 30), "20"),
+    Factor("friction", _numbers("friction", 1.0, 0.15, 0.3, 0.45, 0.6, 0.8), "0.3"),
+    Factor("tip radius", _numbers("tip_radius_m", 1e-3, 5, 6, 8, 10, **{"5": _NEAR}), "6"),
+    Factor("indentation", _numbers("indentation_m", 1e-3, 2, 3, 4, 5, **{"5": _NEAR}), "4"),
+    Factor("repeatability", _numbers("repeatability_m", 1e-3, 0, 0.1, 0.2, 0.3, 0.45, 0.6), "0.3"),
     Factor(
         "distribution",
-        "law of the ring's landing",
         tuple(
             (n.replace("_", " "), {"distribution": n})
             for n in ("triangular", "normal", "uniform", "two_sided")
         ),
         "uniform",
-        numeric=False,
     ),
-    Factor(
-        "height sd",
-        "sd of the surface's height, mm",
-        _numbers("height_sd_m", 1e-3, 0, 0.05, 0.1, 0.2, 0.3, 0.4),
-        "0.1",
-    ),
+    Factor("height sd", _numbers("height_sd_m", 1e-3, 0, 0.05, 0.1, 0.2, 0.3, 0.4), "0.1"),
     Factor(
         "contact model",
-        "contact model",
-        (
-            ("L0", {"rung": "l0"} | _NEAR),
-            ("L2", {}),  # the one chosen for the default gel
-            ("L4", {"rung": "l4"}),
-        ),
+        # L2 is the one chosen for the default gel
+        (("L0", {"rung": "l0"} | _NEAR), ("L2", {}), ("L4", {"rung": "l4"})),
         "L2",
-        numeric=False,
     ),
-    Factor("training", "training palpations a cell", _numbers("training", 1, 5, 10, 25, 50, 100), "25"),
+    Factor("training", _numbers("training", 1, 5, 10, 25, 50, 100), "25"),
     Factor(
         "training order",
-        "order of training",
         (
             ("one mounting, re-homed", {}),
             ("re-mounted in blocks", {"mounting": "block_randomised"}),
             ("not re-homed", {"training_lands": "cell"}),
         ),
         "one mounting, re-homed",
-        numeric=False,
     ),
     Factor(
         "human strategy",
-        "reading of the human strategy",
         (
             ("AR(1)", {}),
             ("tridiagonal", {"chain": ("tridiagonal", "column", "average")}),
@@ -114,7 +89,6 @@ FACTORS = (
             ("by belief", {"chain": ("ar1", "column", "posterior")}),
         ),
         "AR(1)",
-        numeric=False,
     ),
 )
 
@@ -139,9 +113,9 @@ def cell(name: str, trials: int, sets: dict[str, Any]) -> Case:
     chain = {"chain": sets["chain"]} if "chain" in sets else {}
     schemes = [
         Scheme(f"{design}/{policy}", policy, filter=known, stop=stop, **(chain if policy == "markov" else {}))
-        for design, (known, stop) in DESIGNS.items()
+        for design, (_, known, stop) in DESIGNS.items()
         for policy in POLICIES
-        if policy != "fixed_average"
+        if policy != AVERAGE
     ]
     return Case(name, plan, tuple(schemes))
 
@@ -160,9 +134,6 @@ SCHEMES = tuple(
         (TRACE, "information_gain", "threshold", "swift"),
     )
 )
-WORLDS = {"paper": worlds()["paper"], "lab": worlds("each_trial", "other")["lab"]}
-"""The paper's own design; the lab's world with a mounting a trial, of phantoms that training had not."""
-
 DIFFERENCES: dict[str, dict[str, Any]] = {
     "none": {},
     **{f"friction {x:+.0%}": {"shift": (("friction", x),)} for x in (-0.2, -0.1, 0.1, 0.2)},
@@ -178,11 +149,14 @@ DIFFERENCES: dict[str, dict[str, Any]] = {
     "bead 3 mm off the path": {"shift": (("beside_m", 3e-3),)},
 }
 """What the trials' plan has that training's had not, by its name in words."""
-QUICK_DIFFERENCES = [list(DIFFERENCES)[place] for place in (0, 4, 9)]
 
 
-def difference_cases(world: str, names: list[str], trials: int) -> list[Case]:
-    """Return the trials of a world that differ from its training in one thing."""
-    usual = WORLDS[world]
-    plan = replace(usual, conditions=replace(usual.conditions, trials=trials))
-    return [Case(name, replace(plan, **DIFFERENCES[name]), SCHEMES) for name in names]
+def difference_cases(*, quick: bool = False, trials: int = 100) -> dict[tuple[str, str], Case]:
+    """Return the trials of each world that differ from its training in one thing, by world and difference."""
+    asked = [*DIFFERENCES][:10:4] if quick else [*DIFFERENCES]
+    found = {}
+    for world, usual in PLANS.items():
+        plan = replace(usual, conditions=replace(usual.conditions, trials=trials))
+        for name in asked:
+            found[world, name] = Case(name, replace(plan, **DIFFERENCES[name]), SCHEMES)
+    return found

@@ -4,149 +4,174 @@ One factor at a time around the paper's design, every policy on the same session
 the others; and trials that differ from what was trained.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
-from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
-from palp_core.palpation.studies.parallel import Checkpoint, Runner, seeds
+from palp_core.palpation.reporting import charts
+from palp_core.palpation.studies.parallel import Checkpoint, Runner, Seed, seeds
 from palp_core.palpation.studies.robustness import cases
-from palp_core.palpation.studies.robustness.charts import SHOWN, factors_chart, lead_chart
+from palp_core.palpation.studies.robustness.cases import AVERAGE, DESIGNS, POLICIES
 from palp_core.palpation.studies.schemes import FIXED, Case, run_session
-from palp_core.palpation.studies.schemes import run as run_cases
-from palp_core.palpation.studies.summary import accuracies, ends, joined, publish, some, summarise
-from palp_core.palpation.studies.trials import Outcomes
+from palp_core.palpation.studies.summary import Records, at_most, joined, publish, some, summarise
 from palp_core.units import Float64Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CELLS = "cells.jsonl"
+SHOWN = (
+    AVERAGE,
+    "fixed_best",
+    "markov",
+    "uniform",
+    "information_gain",
+    "information_gain_latent",
+    "reposition_best",
+)
+"""Policies of the map and the table; the files have all."""
+_MOST = 50.0  # points at which the colours of a lead end
 
 
 @dataclass(frozen=True)
 class RobustnessSize:
-    """Sessions of every cell, and trials per depth and session."""
+    """Sessions of every case, and trials per depth and session."""
 
     sessions: int = 20
     trials: int = 100
 
 
-CELLS = "cells.jsonl"
 FULL, QUICK = RobustnessSize(), RobustnessSize(sessions=4, trials=20)
-_TITLES = {
-    "paper": "the paper's filter and stop rule",
-    "aware": "filter that knows what stays, posterior threshold 0.95",
-}
 
 
 @dataclass(frozen=True)
-class CellJob:
-    """A cell over its sessions."""
+class CaseJob:
+    """A case over its sessions."""
 
-    cell: Case
-    seeds: tuple[tuple[int, ...], ...]
-
-
-def run_cell(job: CellJob) -> list[dict[str, Any]]:
-    """Return a record per design and policy.
-
-    Accuracy, probes, seconds and calibration error (``ece``) with the ends ``_low`` and ``_high`` of their
-    95 % intervals over sessions, and what :func:`to_best` returns.
-    """
-    found = [run_session(job.cell, seed) for seed in job.seeds]
-    records = []
-    for design in dict.fromkeys(scheme.name.partition("/")[0] for scheme in job.cell.schemes):
-        own = {
-            name.partition("/")[2]: [one[name].ended for one in found]
-            for name in found[0]
-            if name.startswith(f"{design}/")
-        }
-        own["fixed_average"] = joined({name: own[name] for name in FIXED})
-        shares = {name: accuracies(own[name]) for name in cases.POLICIES}
-        for name in cases.POLICIES:
-            numbers = _numbers(own[name], job.cell.plan.gel.depths_m)
-            records.append({"design": design, "policy": name, **numbers, **to_best(shares, name)})
-    return records
+    case: Case
+    seeds: tuple[Seed, ...]
 
 
-def _numbers(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, float]:
-    line = summarise(sessions, depths_m)
-    spans = {"accuracy": line["ci"], "ece": line["ece_ci"]}
-    for key in ("probes", "seconds"):
-        means = [float(getattr(one, key).mean()) for one in sessions]
-        spans[key] = ends(cluster_bootstrap(means, np.random.default_rng(18), within=(0.0, np.inf)))
-    return {
-        name: value
-        for key in ("accuracy", "probes", "seconds", "ece")
-        for name, value in zip((key, f"{key}_low", f"{key}_high"), (line[key], *spans[key]), strict=True)
-    }
+def run_case(job: CaseJob) -> dict[str, dict[str, Any]]:
+    """Return what each scheme came to, and the average over fixed positions of each design."""
+    found = [run_session(job.case, seed) for seed in job.seeds]
+    runs = {name: [one[name].ended for one in found] for name in found[0]}
+    for design in DESIGNS:
+        if fixed := {name: runs[f"{design}/{name}"] for name in FIXED if f"{design}/{name}" in runs}:
+            runs[f"{design}/{AVERAGE}"] = joined(fixed)
+    kept = ("accuracy", "ci", "ece", "ece_ci", "probes", "seconds", "undecided", "per_session")
+    return {name: some(summarise(own, job.case.plan.gel.depths_m), *kept) for name, own in runs.items()}
 
 
-def to_best(shares: Mapping[str, Float64Array], policy: str) -> dict[str, Any]:
+def run(
+    out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", sessions: int = 0, seed: int = 1
+) -> Path:
+    """Run every case, write tables and charts, and return the page."""
+    usual = QUICK if quick else FULL
+    size = replace(usual, sessions=at_most(usual.sessions, sessions))
+    cells = cases.cells(quick=quick, trials=size.trials)
+    differences = cases.difference_cases(quick=quick, trials=size.trials)
+    jobs = [
+        CaseJob(case, tuple(seeds(stream, seed, size.sessions)))
+        for stream, asked in ((40, cells), (23, differences.values()))
+        for case in asked
+    ]
+    lines = Runner(seed, workers, dask).run_jobs(
+        run_case, jobs, label="cases", checkpoint=Checkpoint(out / CELLS)
+    )
+    records = [record for cell, own in zip(cells, lines, strict=False) for record in cell_records(cell, own)]
+    differing = [
+        {"world": world, "difference": name, "scheme": scheme, **line}
+        for (world, name), own in zip(differences, lines[len(cells) :], strict=True)
+        for scheme, line in own.items()
+    ]
+    paper = [one for one in records if one["design"] == "paper" and one["policy"] in SHOWN]
+    return publish(
+        out,
+        "robustness",
+        [lead_chart(records, design, title) for design, (title, *_) in DESIGNS.items()],
+        report={"quick": quick, "seed": seed, **asdict(size), "records": records, "differences": differing},
+        tables={"robustness": records, "differences": differing},
+        cells=_pivoted(paper, ("cell",), "policy"),
+        shown=SHOWN,
+        differences=_pivoted(differing, ("world", "difference"), "scheme"),
+        schemes=list(dict.fromkeys(row["scheme"] for row in differing)),
+    )
+
+
+def cell_records(cell: Case, lines: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return a record per design and policy, with its lead over the best of the others."""
+    factor, _, value = cell.name.partition(": ")
+    return [
+        {"cell": cell.name, "factor": factor, "value": value, "design": design, "policy": name}
+        | dict(lines[f"{design}/{name}"])
+        | lead({other: np.array(lines[f"{design}/{other}"]["per_session"]) for other in POLICIES}, name)
+        for design in DESIGNS
+        for name in POLICIES
+    ]
+
+
+def lead(shares: Mapping[str, Float64Array], policy: str) -> dict[str, Any]:
     """Compare a policy with the best of the others, session by session.
 
     The best of the others is chosen for each session by all the other sessions: the largest of a dozen noisy
     means is otherwise too large.
 
     Returns:
-        ``best``, the other with the highest mean; ``lead`` over the best, with its ends
-        ``lead_low`` and ``lead_high``.
+        ``best``, the other with the highest mean; ``lead`` over the best and its 95 % interval, ``lead_ci``.
     """
-    others = [name for name in cases.POLICIES if name != policy]
+    others = [name for name in shares if name != policy]
     table = np.array([shares[name] for name in others])
     count = table.shape[1]
     without = (table.sum(axis=1, keepdims=True) - table) / (count - 1) if count > 1 else table
     unseen_best = table[np.argmax(without, axis=0), np.arange(count)]
-    lead = cluster_bootstrap(shares[policy] - unseen_best, np.random.default_rng(17), within=(-1.0, 1.0))
+    found = cluster_bootstrap(shares[policy] - unseen_best, np.random.default_rng(17), within=(-1.0, 1.0))
     best = others[int(np.argmax(table.mean(axis=1)))]
-    return {"best": best, "lead": lead.value, "lead_low": lead.low, "lead_high": lead.high}
+    return {"best": best, "lead": found.value, "lead_ci": [found.low, found.high]}
 
 
-def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
-    """Run every cell, write tables and charts, and return the page."""
-    size, runner = QUICK if quick else FULL, Runner(seed, workers, dask)
-    varied = cases.cells(quick=quick, trials=size.trials)
-    named = tuple(seeds(40, seed, size.sessions))
-    jobs = [CellJob(cell, named) for cell in varied]
-    found = runner.run_jobs(run_cell, jobs, label="cells", checkpoint=Checkpoint(out / CELLS))
-    records = []
-    for cell, own in zip(varied, found, strict=True):
-        factor, _, value = cell.name.partition(": ")
-        records += [{"cell": cell.name, "factor": factor, "value": value, **record} for record in own]
-    names = cases.QUICK_DIFFERENCES if quick else list(cases.DIFFERENCES)
-    differences = difference_rows(names, size, runner)
-    report = {"quick": quick, "seed": seed, **asdict(size), "records": records, "differences": differences}
-    charts = [
-        chart(records, design, f"{what}: {title}")
-        for design, title in _TITLES.items()
-        for chart, what in ((lead_chart, "Points to the best"), (factors_chart, "Accuracy"))
-    ]
-    paper = [one for one in records if one["design"] == "paper" and one["policy"] in SHOWN]
-    return publish(
-        out,
-        "robustness",
-        charts,
-        report=report,
-        tables={"robustness": records, "differences": differences},
-        cells=_pivoted(paper, ("cell",), "policy"),
-        shown=SHOWN,
-        differences=_pivoted(differences, ("world", "difference"), "scheme"),
-        schemes=list(dict.fromkeys(row["scheme"] for row in differences)),
+def lead_chart(records: Records, design: str, title: str) -> charts.Chart:
+    """Return the map of a design: leads over the best of the others, a row a cell, a column a policy."""
+    own = {
+        (one["cell"], one["policy"]): one
+        for one in records
+        if one["design"] == design and one["policy"] in SHOWN
+    }
+    cells, policies = (list(dict.fromkeys(key[place] for key in own)) for place in (0, 1))
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        points = np.array([[100.0 * own[cell, name]["lead"] for name in policies] for cell in cells])
+        image = axes.imshow(points, vmin=-_MOST, vmax=_MOST, cmap="PuOr", aspect="auto")
+        for y, cell in enumerate(cells):
+            for x, name in enumerate(policies):
+                cross = " ×" if own[cell, name]["lead_ci"][1] < 0.0 else ""
+                charts.number(axes, x, y, f"{points[y, x]:+.0f}{cross}")
+        axes.set_xticks(range(len(policies)), [name.replace("_", "\n") for name in policies])
+        axes.set_yticks(range(len(cells)), cells)
+        axes.tick_params(labelsize=8, length=0)
+        axes.xaxis.tick_top()
+        axes.grid(visible=False)
+        figure.colorbar(image, ax=axes, shrink=0.5, label="percentage points to the best", extend="both")
+
+    return charts.Chart(
+        f"robustness_to_best_{design}",
+        f"Points to the best: {title}",
+        "Accuracy less that of the best of the other policies, in percentage points; the best is chosen for "
+        "each session by all other sessions. Orange: behind, violet: ahead. A cross: the 95 % interval over "
+        "sessions lies below 0, so the policy is behind; this is each interval alone, so that of 40 one is "
+        "marked by chance.",
+        1.4 + 0.24 * len(cells),
+        ("cell", "policy", "lead", "low", "high"),
+        [(*key, one["lead"], *one["lead_ci"]) for key, one in own.items()],
+        draw,
     )
-
-
-def difference_rows(names: list[str], size: RobustnessSize, runner: Runner) -> list[dict[str, Any]]:
-    """Return a line per world, difference and scheme."""
-    rows = []
-    for world in cases.WORLDS:
-        asked = cases.difference_cases(world, names, size.trials)
-        found = run_cases(asked, size.sessions, runner, stream=23, label=f"sessions, {world}")
-        for name, sessions in found.items():
-            for scheme in sessions[0]:
-                line = summarise([own[scheme].ended for own in sessions], DEPTHS_M)
-                kept = some(line, "accuracy", "ci", "ece", "ece_ci", "probes", "seconds", "undecided")
-                rows.append({"world": world, "difference": name, "scheme": scheme, **kept})
-    return rows
 
 
 def _pivoted(
