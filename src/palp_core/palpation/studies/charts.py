@@ -92,7 +92,8 @@ def draw_bars(
     **look: Any,
 ) -> None:
     """Draw shares as bars, each with its interval if there are any."""
-    axes.bar(places, shares, **({"width": 0.7, "color": charts.BLUE} | look))
+    usual: dict[str, Any] = {"width": 0.7, "color": charts.BLUE}
+    axes.bar(places, shares, **(usual | look))
     for place, interval in zip(places, intervals, strict=False):
         axes.plot([place, place], interval, color=charts.INK, linewidth=1.4)
 
