@@ -3,7 +3,7 @@
 from typing import Any, Literal
 
 from msgs.actuator import RingCommand, RingState, RingTruth
-from palp_core import Alarm, Params, Pub, Sub, on
+from palp_core import Alarm, Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
 from palp_core.palpation.devices.protocols import RingDevice, RingReading
@@ -106,11 +106,11 @@ class ActuatorParams(Params):
     with its standard deviation, and the two parameters of it are not used.
     """
 
-    device: str = "sim"
-    ring_error: Literal["uniform", "normal"] = "uniform"
-    repeatability_mm: MillimetresNonNegative = 0.3
-    backlash_mm: MillimetresNonNegative = 0.0
-    noise: str = ""
+    device: ReadOnly[str] = "sim"
+    ring_error: ReadOnly[Literal["uniform", "normal"]] = "uniform"
+    repeatability_mm: ReadOnly[MillimetresNonNegative] = 0.3
+    backlash_mm: ReadOnly[MillimetresNonNegative] = 0.0
+    noise: ReadOnly[str] = ""
 
 
 class Actuator(RingNode):

@@ -42,11 +42,11 @@ class EmgParams(Params):
     options: ReadOnly[dict[str, Any]] = {}
     rest_s: ReadOnly[Seconds] = 2.0
     mvc_s: ReadOnly[Seconds] = 5.0
-    rate_hz: HertzPositive = 1500.0
+    rate_hz: ReadOnly[HertzPositive] = 1500.0
     block_samples: CountPositive = 75
-    palpation_s: Seconds = 60.0
+    palpation_s: ReadOnly[Seconds] = 60.0
     cued: ReadOnly[bool] = False
-    phantoms: str = ""
+    phantoms: ReadOnly[str] = ""
     blind: ReadOnly[bool] = False
     key: ReadOnly[str] = ""
 

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from msgs.experiment import Mount
-from nodes.phantom import HeightSpread, SimulatedPhantom
-from palp_core import Params, ReadOnly, Sub, every, on
+from nodes.phantom import MARGIN_M, PhantomParams, SimulatedPhantom
+from palp_core import ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
@@ -15,32 +15,26 @@ from palp_core.palpation.devices.emulator.contact import ContactSettings, GuardM
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.reporter import MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
-from palp_core.palpation.world.model import read_world
 from palp_core.units import (
     Count,
     CountPositive,
     HertzPositive,
-    Metres,
     MillimetresNonNegative,
     MillimetresPositive,
     NewtonMillimetresNonNegative,
 )
 
-MARGIN_M = 0.002
 Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
 
 
-class EmulatedPhantomParams(Params):
-    """Set in the launch file.
+class EmulatedPhantomParams(PhantomParams):
+    """Set in the launch file, in addition to what is touched.
 
     ``host``, the ports and ``folder`` (of the ring's terminal) are where the drivers find the devices;
-    ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig: a noise
-    file in ``noise`` (plan ``repeatability``) has the spreads of torque, ring and height of its own.
-    ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on.
+    ``lift_mm`` is where the lifting axis has its reference. Ring and sensor are as in the simulated rig: a
+    noise file in ``noise`` (plan ``repeatability``) has their spreads.
     ``guard_hz`` is how often it looks whether the contact has met a region in which its rung fails.
     """
 
@@ -51,21 +45,12 @@ class EmulatedPhantomParams(Params):
     emg_port: ReadOnly[Port] = 9220
     folder: ReadOnly[str] = ""
     can_bitrate: ReadOnly[CountPositive] = 500_000
-    phantoms: ReadOnly[str] = ""
-    scene: ReadOnly[str] = ""
-    reading: ReadOnly[Reading] = "feature"
-    feature: ReadOnly[FeatureName] = "peak"
     ring_error: ReadOnly[Literal["uniform", "normal"]] = "uniform"
     repeatability_mm: ReadOnly[MillimetresNonNegative] = 0.3
     noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = RESOLUTION_N_M * 1e3
     seed: ReadOnly[Count] = 1
-    height_sd_mm: ReadOnly[HeightSpread] = 0.1
-    noise: ReadOnly[str] = ""
-    from_m: ReadOnly[Metres] = -0.03
-    to_m: ReadOnly[Metres] = 0.05
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     guard_hz: ReadOnly[HertzPositive] = 5.0
-    world: ReadOnly[str] = "paper"
 
 
 class EmulatedPhantomState(MethodReporterState):
@@ -83,19 +68,15 @@ class EmulatedPhantom(SimulatedPhantom):
     mount = Sub(Mount)
 
     def on_configure(self) -> None:
-        p = self.params
-        noise = read_noise(p.noise) if p.noise else None
-        self.height_sd_m = noise.height_sd_m.value if noise else p.height_sd_mm * 1e-3
-        world = read_world(p.world)
+        super().on_configure()
+        p, noise, (low_m, high_m) = self.params, self.noise, sorted((self.params.from_m, self.params.to_m))
         settings = RigSettings(
             contact=ContactSettings(
-                phantoms=p.phantoms,
-                scene=p.scene,
-                read=what_is_read(p.reading, p.feature),
-                from_m=min(p.from_m, p.to_m) - MARGIN_M,
-                to_m=max(p.from_m, p.to_m) + MARGIN_M,
-                world=world,
-                lands_m=(min(p.from_m, p.to_m), max(p.from_m, p.to_m)),
+                touch=p.touch,
+                from_m=low_m - MARGIN_M,
+                to_m=high_m + MARGIN_M,
+                world=self.world,
+                lands_m=(low_m, high_m),
             ),
             z_axis=AxisSettings(soft_low_m=-0.001, home_m=p.lift_mm * 1e-3),
             ring=SimRing(
@@ -104,7 +85,7 @@ class EmulatedPhantom(SimulatedPhantom):
             ),
             torque=SimTorque(
                 noise_sd_n_m=noise.sample_sd_n_m.value if noise else p.noise_sd_n_mm * 1e-3,
-                bias_drift_n_m_per_sqrt_s=world.bias_walk_n_m_per_sqrt_s,
+                bias_drift_n_m_per_sqrt_s=self.world.bias_walk_n_m_per_sqrt_s,
             ),
             seed=p.seed,
             can_bitrate=p.can_bitrate,
@@ -120,7 +101,7 @@ class EmulatedPhantom(SimulatedPhantom):
 
     def uses(self) -> list[MethodUse]:
         self.reported_m_s = self.rig.contact.swept_m_s
-        return rig_uses(self.rig.contact.rig, self.reported_m_s or None, self.rig.contact.settings.world)
+        return rig_uses(self.rig.contact.rig, self.reported_m_s or None, self.world)
 
     def on_deactivate(self) -> None:
         self.publish_guards()
@@ -131,13 +112,12 @@ class EmulatedPhantom(SimulatedPhantom):
     @on(mount)
     def put_on(self, mount: Mount) -> None:
         self.publish_guards()  # they are of the phantom that is taken off
-        height_m = self.draw_height_m(self.height_sd_m)
+        height_m = self.draw_height_m()
         self.rig.call(lambda _: self.rig.contact.mount(mount.code, height_m))
         self.state.code, self.state.remount = mount.code, mount.remount
         self.publish_truth(mount, self.rig.contact.rig, height_m)
-        world = self.rig.contact.settings.world
-        if not world.plain:
-            self.publish_offsets(mount, world, self.rig.call(lambda _: self.rig.contact.latents()))
+        if not self.world.plain:
+            self.publish_offsets(mount, self.rig.call(lambda _: self.rig.contact.latents()))
 
     @every("guard_hz")
     def publish_guards(self) -> None:

@@ -2,7 +2,7 @@
 
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
-from palp_core import Node, Params, Pub, Qos, Srv, State, Sub, on, serve
+from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, on, serve
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
@@ -20,11 +20,11 @@ class OperatorParams(Params):
     gel, ring and mounting are what they are, and these only go into the record.
     """
 
-    phantoms: str = ""
-    scene: str = ""
-    ring_error: str = ""
-    height_sd_mm: MillimetresNonNegative = 0.0
-    noise: str = ""
+    phantoms: ReadOnly[str] = ""
+    scene: ReadOnly[str] = ""
+    ring_error: ReadOnly[str] = ""
+    height_sd_mm: ReadOnly[MillimetresNonNegative] = 0.0
+    noise: ReadOnly[str] = ""
 
 
 class OperatorState(State):

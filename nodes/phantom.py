@@ -21,7 +21,7 @@ from palp_core.palpation.session.methods.reporter import MethodReporter, MethodR
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import find_file_mistakes
 from palp_core.palpation.world.draws import SessionSweeps, SessionWorld, derive_seed, name_offsets, open_world
-from palp_core.palpation.world.model import WorldModel, read_world
+from palp_core.palpation.world.model import read_world
 from palp_core.palpation.world.trace import WorldTrace
 from palp_core.units import (
     Float64Array,
@@ -39,21 +39,69 @@ SPEED_M_S = 0.02
 """The published one, until a block of poses shows it."""
 
 
+class PhantomParams(Params):
+    """What the probe touches in a simulated or an emulated rig, set in the launch file.
+
+    ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``reading`` and
+    ``feature`` are the estimator's: the contact model must get right what is read, within ``tolerance``.
+    ``scene`` is a scene file: where given, gel, probe, indentation and tolerance are its own, and the
+    parameters of that name are not used. ``height_sd_mm`` is the spread of
+    the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
+    has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
+    tip mass and indentation are assumed, as the paper gives none.
+    """
+
+    phantoms: ReadOnly[str] = ""
+    scene: ReadOnly[str] = ""
+    reading: ReadOnly[Reading] = "feature"
+    feature: ReadOnly[FeatureName] = "peak"
+    tolerance: ReadOnly[Probability] = 0.02
+    from_m: ReadOnly[Metres] = -0.03
+    to_m: ReadOnly[Metres] = 0.05
+    indentation_mm: ReadOnly[Millimetres] = 4.0
+    height_sd_mm: ReadOnly[HeightSpread] = 0.1
+    noise: ReadOnly[str] = ""
+    friction: ReadOnly[RatioNonNegative] = 0.3
+    tip_mass_kg: ReadOnly[Kilograms] = 0.008
+    world: ReadOnly[str] = "paper"
+
+    @property
+    def touch(self) -> dict[str, Any]:
+        """The arguments of :func:`.rig`."""
+        return {
+            "phantoms": self.phantoms,
+            "scene": self.scene,
+            "read": what_is_read(self.reading, self.feature),
+            "tolerance": self.tolerance,
+            "indentation_m": self.indentation_mm * 1e-3,
+            "friction": self.friction,
+            "tip_mass_kg": self.tip_mass_kg,
+            "ends_m": (self.from_m, self.to_m),
+        }
+
+
 class SimulatedPhantom(MethodReporter):
     """What a simulated phantom says of itself, in whatever rig it is put on."""
 
     simulates = True
+    params: PhantomParams
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
     world_truth = Pub(WorldTruth)
 
     @classmethod
-    def find_mistakes(cls, params: Any, mistakes: Mistakes) -> None:
+    def find_mistakes(cls, params: PhantomParams, mistakes: Mistakes) -> None:
         find_file_mistakes(params, mistakes)
 
-    def draw_height_m(self, sd_m: float) -> float:
+    def on_configure(self) -> None:
+        params = self.params
+        self.noise = read_noise(params.noise) if params.noise else None
+        self.height_sd_m = self.noise.height_sd_m.value if self.noise else params.height_sd_mm * 1e-3
+        self.world = read_world(params.world)
+
+    def draw_height_m(self) -> float:
         """Return how much higher than nominal the surface lies this time; two numbers are drawn."""
-        return sd_m * float(self.rng.standard_normal(2)[0])
+        return self.height_sd_m * float(self.rng.standard_normal(2)[0])
 
     def publish_truth(self, mount: Mount, rig: Rig, height_m: float) -> None:
         """Publish what the phantom is that was put on, and which contact model is used for it."""
@@ -70,12 +118,12 @@ class SimulatedPhantom(MethodReporter):
             )
         )
 
-    def publish_offsets(self, mount: Mount, world: WorldModel, row: Float64Array) -> None:
+    def publish_offsets(self, mount: Mount, row: Float64Array) -> None:
         """Publish what this mounting is off by in its world."""
         self.world_truth.publish(
             WorldTruth(
                 stamp_ns=self.now_ns(),
-                world=world.name,
+                world=self.world.name,
                 code=mount.code,
                 remount=mount.remount,
                 **name_offsets(row),
@@ -87,33 +135,6 @@ class SimulatedPhantom(MethodReporter):
         self.guard.publish(
             ContactGuard(stamp_ns=self.now_ns(), code=code, remount=remount, ring_m=ring_m, words=list(words))
         )
-
-
-class PhantomParams(Params):
-    """Set in the launch file.
-
-    ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``reading`` and
-    ``feature`` are the estimator's: the contact model must get right what is read, within ``tolerance``.
-    ``scene`` is a scene file: where given, gel, probe, indentation and tolerance are its own, and the
-    parameters of that name are not used. ``height_sd_mm`` is the spread of
-    the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
-    has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
-    tip mass and indentation are assumed, as the paper gives none.
-    """
-
-    phantoms: str = ""
-    scene: str = ""
-    reading: ReadOnly[Reading] = "feature"
-    feature: FeatureName = "peak"
-    tolerance: Probability = 0.02
-    from_m: Metres = -0.03
-    to_m: Metres = 0.05
-    indentation_mm: Millimetres = 4.0
-    height_sd_mm: HeightSpread = 0.1
-    noise: str = ""
-    friction: RatioNonNegative = 0.3
-    tip_mass_kg: Kilograms = 0.008
-    world: str = "paper"
 
 
 class PhantomState(MethodReporterState):
@@ -144,25 +165,13 @@ class Phantom(SimulatedPhantom):
     contact = Pub(Contact)
 
     def on_configure(self) -> None:
-        params = self.params
-        self.rig = rig(
-            phantoms=params.phantoms,
-            scene=params.scene,
-            read=what_is_read(params.reading, params.feature),
-            tolerance=params.tolerance,
-            indentation_m=params.indentation_mm * 1e-3,
-            friction=params.friction,
-            tip_mass_kg=params.tip_mass_kg,
-            ends_m=(params.from_m, params.to_m),
-        )
+        super().on_configure()
+        self.rig = rig(**self.params.touch)
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.by_depth}
         self.table: SweepTable | WorldTrace | None = None
         self.moments = GridMoments()
         self.sweeps: SessionSweeps | None = None
-        self.world = read_world(params.world)
         self._live: SessionWorld | None = None
-        noise = params.noise
-        self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
     def uses(self) -> list[MethodUse]:
         return rig_uses(self.rig, self.state.speed_m_s or None, self.world)
@@ -174,13 +183,13 @@ class Phantom(SimulatedPhantom):
             raise ValueError(f"no phantom '{mount.code}'; there are {', '.join(sorted(phantoms))}")
         state = self.state
         state.code, state.remount = mount.code, mount.remount
-        state.height_offset_m = self.draw_height_m(self.height_sd_m)
+        state.height_offset_m = self.draw_height_m()
         self._forget()
         self.publish_truth(mount, self.rig, state.height_offset_m)
         if not self.world.plain:
             state.world_seed = state.world_seed or derive_seed(self.rng)
             row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
-            self.publish_offsets(mount, self.world, row)
+            self.publish_offsets(mount, row)
 
     @on(ring)
     def stiffen(self, ring: RingTruth) -> None:

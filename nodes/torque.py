@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
-from palp_core import Params, Pub, Sub, on
+from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.device_node import DeviceNode
 from palp_core.palpation.devices.protocols import TorqueSensor
@@ -26,13 +26,13 @@ class TorqueParams(Params):
     sample's noise of its own, and a ``world`` other than the paper's a walk of the bias, where none is given.
     """
 
-    device: str = "sim"
-    noise_sd_n_mm: NewtonMillimetresNonNegative = RESOLUTION_N_M * 1e3
-    resolution_n_mm: NewtonMillimetresNonNegative = RESOLUTION_N_M * 1e3
-    bias_drift_n_mm_per_sqrt_s: NewtonMillimetresNonNegative = 0.0
-    gain_drift_per_sqrt_s: RatioNonNegative = 0.0
-    noise: str = ""
-    world: str = "paper"
+    device: ReadOnly[str] = "sim"
+    noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = RESOLUTION_N_M * 1e3
+    resolution_n_mm: ReadOnly[NewtonMillimetresNonNegative] = RESOLUTION_N_M * 1e3
+    bias_drift_n_mm_per_sqrt_s: ReadOnly[NewtonMillimetresNonNegative] = 0.0
+    gain_drift_per_sqrt_s: ReadOnly[RatioNonNegative] = 0.0
+    noise: ReadOnly[str] = ""
+    world: ReadOnly[str] = "paper"
 
 
 class Torque(DeviceNode):

@@ -14,10 +14,18 @@ from msgs.torque import Contact
 from nodes.actuator import Actuator
 from nodes.cocontraction import Cocontraction
 from nodes.emg import Emg
+from nodes.emulated_phantom import EmulatedPhantom
+from nodes.operator import Operator
 from nodes.phantom import Phantom
+from nodes.rig_actuator import RigActuator
+from nodes.rig_stage import RigStage
+from nodes.rig_torque import RigTorque
+from nodes.safety import Safety
 from nodes.stage import Stage
 from nodes.torque import Torque
 from palp_core import Bench, Node
+from palp_core.graph.node.node import declaration_of
+from palp_core.graph.node.params import describe_params
 from tests.nodes.conftest import replace, sent_bytes
 from tests.support.rig_messages import mount, ring_command
 
@@ -75,6 +83,27 @@ CASES: list[tuple[type[Node], dict[str, Any], list[Feed], list[Feed]]] = [
     (Emg, {"palpation_s": 2.0}, [wait(9.73)], [wait(10.0)]),
     (Cocontraction, {}, [muscles(0.0, 12.5)], [muscles(12.5, 20.0)]),
 ]
+
+
+@pytest.mark.parametrize(
+    ("node", "changeable"),
+    [
+        (Stage, "rate_hz block_samples"),
+        (RigStage, "rate_hz block_samples"),
+        (Actuator, ""),
+        (RigActuator, ""),
+        (Torque, ""),
+        (RigTorque, "load_hz block_samples tare tare_samples largest_gap_ms"),
+        (Emg, "block_samples"),
+        (Phantom, ""),
+        (EmulatedPhantom, ""),
+        (Operator, ""),
+        (Safety, ""),
+    ],
+)
+def test_what_would_change_without_effect_cannot_be_changed(node: type[Node], changeable: str) -> None:
+    described = describe_params(declaration_of(node).params)
+    assert [name for name, param in described.items() if not param.read_only] == changeable.split()
 
 
 @pytest.mark.parametrize(

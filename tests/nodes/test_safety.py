@@ -14,7 +14,6 @@ from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.params import describe_params
 from palp_core.palpation.devices.protocols import AxisReport, StopTimes
 from palp_core.palpation.devices.wire.aerotech import Fault
 
@@ -429,11 +428,6 @@ def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watche
     watched.link.report = AT_REST
     watched.run(0.01)
     assert watched.link.calls[2:4] == ["abort", "disable"]
-
-
-def test_a_limit_cannot_be_changed_without_effect() -> None:
-    described = describe_params(SafetyParams)
-    assert [name for name, param in described.items() if not param.read_only] == []
 
 
 def test_without_a_trip_there_is_nothing_to_acknowledge(watched: Watched) -> None:

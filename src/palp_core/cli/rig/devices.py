@@ -113,7 +113,7 @@ def emulate(
 
     sys.setswitchinterval(0.0005)  # the solver's thread must not hold up the wires
     raised = AxisSettings(soft_low_m=-0.001, home_m=RAISED_M)
-    contact = ContactSettings(phantoms="" if phantoms is None else str(phantoms))
+    contact = ContactSettings(touch={} if phantoms is None else {"phantoms": str(phantoms)})
     given = RigSettings(contact=contact, z_axis=raised, seed=seed, host=host)
     if settings:
         given = read_settings(settings)

@@ -9,7 +9,8 @@ the contact is that of the place it goes to: on a rig that palpates, the probe i
 import math
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -35,24 +36,18 @@ class ContactSettings:
     """What the probe touches.
 
     Attributes:
-        phantoms: File of phantoms by code; empty for the paper's three.
-        scene: Scene file of gel, probe, indentation and tolerance; empty for the numbers here.
-        read: What the run reads off a sweep, which the contact must get right.
+        touch: Arguments of :func:`.rig`: phantoms, scene, what the contact must get right, indentation ...
         code: The phantom that is mounted first; empty for the first of the file.
         height_offset_m: How much higher than nominal it is mounted.
-        indentation_m: Indentation at scanning height (assumed, as in the simulated rig).
         from_m: Lower end of the solved stretch.
         to_m: Upper end.
         world: What phantoms and probe have that the paper's own design has not.
         lands_m: Where the probe is lowered for a sweep towards +Y, and towards -Y; None: the stretch's ends.
     """
 
-    phantoms: str = ""
-    scene: str = ""
-    read: str = "peak"
+    touch: dict[str, Any] = field(default_factory=dict)
     code: str = ""
     height_offset_m: float = 0.0
-    indentation_m: float = 0.004
     from_m: float = -0.032
     to_m: float = 0.052
     world: WorldModel = PAPER
@@ -83,13 +78,10 @@ class ProbeContact:
         self, settings: ContactSettings, axes: Axes, rod: EmulatedRod, seed: int, *, ahead: bool
     ) -> None:
         self.settings, self._axes, self._rod, self._ahead = settings, axes, rod, ahead
-        self.rig = rig(
-            phantoms=settings.phantoms,
-            scene=settings.scene,
-            read=settings.read,
-            indentation_m=settings.indentation_m,
-            ends_m=settings.lands_m,
-        )
+        try:
+            self.rig = rig(**settings.touch)
+        except TypeError as error:
+            raise DeviceError(f"emulator: touch: {error}; see palp_core.palpation.mechanics") from error
         self._models = {code: self.rig.model(code) for code in self.rig.by_depth}
         self._ends_m = settings.from_m, settings.to_m
         self._live = open_world(self.rig, settings.world, seed, *self._ends_m)
