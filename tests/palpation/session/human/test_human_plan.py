@@ -9,8 +9,14 @@ import pytest
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session.human import plan
-from palp_core.palpation.session.human.orders import counterbalanced, williams
-from palp_core.palpation.session.human.plan import HumanDesign, HumanReply, HumanTrial, outline
+from palp_core.palpation.session.human.plan import (
+    HumanDesign,
+    HumanReply,
+    HumanTrial,
+    counterbalanced,
+    outline,
+    williams,
+)
 from palp_core.palpation.session.plan import PlannedPhantom, resume
 
 
