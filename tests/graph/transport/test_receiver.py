@@ -57,14 +57,26 @@ class Reader(Node):
         self.state.heard.append(f"{event.kind} {event.count_change}")
 
 
+class Block(Message):
+    values: RatioArray
+
+
+class Collector(Node):
+    block = Sub(Block)
+
+    @on(block)
+    def take(self, block: Block) -> None:
+        """Take it."""
+
+
 class Wired:
     """A reader's receiver, which the test feeds by hand."""
 
-    def __init__(self, folder: Path, context: Any, qos: Qos) -> None:
-        self.clock = SimClock()
-        spec = NodeSpec(name="r", run="m:R", inputs={"word": "/p/word"}, qos={"word": qos})
-        self.executor = Executor(Reader, spec, self.clock, lambda _: None)
-        places = {"/p/word": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
+    def __init__(self, folder: Path, context: Any, qos: Qos, kind: type[Node] = Reader) -> None:
+        self.clock, port = SimClock(), "word" if kind is Reader else "block"
+        spec = NodeSpec(name="r", run="m:R", inputs={port: f"/p/{port}"}, qos={port: qos})
+        self.executor = Executor(kind, spec, self.clock, lambda _: None)
+        places = {f"/p/{port}": (f"ipc://{folder}/p", f"ipc://{folder}/s")}
         self.receiver = TopicReceiver(self.executor, places, context, None)
         self.executor.transition(Transition.CONFIGURE)
         self.executor.transition(Transition.ACTIVATE)
@@ -121,30 +133,14 @@ def test_a_slow_best_effort_reader_skips_to_the_last_messages(tmp_path: Path, co
     wired.receiver.close()
 
 
-class Block(Message):
-    values: RatioArray
-
-
-class Collector(Node):
-    block = Sub(Block)
-
-    @on(block)
-    def take(self, block: Block) -> None:
-        """Take it."""
-
-
 def test_what_waits_for_a_slow_reader_of_arrays_is_bounded_in_bytes(tmp_path: Path, context: Any) -> None:
-    spec = NodeSpec(name="c", run="m:C", inputs={"block": "/p/block"})
-    executor = Executor(Collector, spec, SimClock(), lambda _: None)
-    place = f"ipc://{tmp_path}/p"
-    receiver = TopicReceiver(executor, {"/p/block": (place, place)}, context, None)
-    executor.transition(Transition.CONFIGURE)
-    receiver.set_start(0)
+    wired = Wired(tmp_path, context, Qos(reliability="best_effort"), Collector)  # which waits its turn
+    executor, receiver = wired.executor, wired.receiver
     assert receiver._subscriber._socket.getsockopt(zmq.RCVHWM) == ARRAY_QUEUE
     payload = encode(Block(values=np.zeros(640_000)))
     kind = schema_of(Block).type_hash
     publisher = context.socket(zmq.PUB)
-    publisher.bind(place)
+    publisher.bind(f"ipc://{tmp_path}/p")
     sent = 0
     while len(executor.inbox) * len(payload) < MOST_UNREAD_BYTES:
         sent += 1
@@ -164,13 +160,9 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     monkeypatch.setattr(publisher_socket, "QUEUE_BYTES", 8 << 20)
     monkeypatch.setattr(receiver_module, "ARRAY_QUEUE", 16)
     qos = Qos(reliability="best_effort", depth=1000)
-    spec = NodeSpec(name="c", run="m:C", inputs={"block": "/p/block"}, qos={"block": qos})
-    executor = Executor(Collector, spec, SimClock(), lambda _: None)
     sockets = NodeSockets(f"ipc://{tmp_path}/p", f"ipc://{tmp_path}/s")
-    receiver = TopicReceiver(executor, {"/p/block": sockets.endpoints}, context, None)
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
-    receiver.set_start(0)
+    wired = Wired(tmp_path, context, qos, Collector)
+    executor, receiver = wired.executor, wired.receiver
     outlet = PublisherEnd("/p/block", Block, qos, 0, Owner(), sockets.publisher.send)
     sockets.publisher.offer([outlet])
     while not sockets.publisher.readers:

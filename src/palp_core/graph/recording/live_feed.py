@@ -192,12 +192,11 @@ class LiveFeed:
         if live is None:
             return
         self._questions[topic] = question._replace(asked_ns=monotonic_ns())
-        asked = {"topic": topic, "first": question.first, "last": question.last}
         try:
             serve = self._reader.server(topic) or self._reader.graph.node(live.node).serve
         except GraphError:
             return
-        self._requester.ask(serve, {"op": "history", "node": live.node, **asked})
+        self._requester.ask_history(serve, topic, question.first, question.last)
 
     def _take_answers(self) -> None:
         now_ns = monotonic_ns()

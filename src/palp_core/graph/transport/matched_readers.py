@@ -1,6 +1,6 @@
 """Who reads a node, in a file that outlives its process: a restarted publisher waits for them.
 
-A subscription to :data:`READER` and a name says who listens; no frame's topic begins so.
+A subscription to :data:`READER` and a name names the reader; no frame's topic begins so.
 """
 
 import contextlib

@@ -12,8 +12,8 @@ from palp_core.graph.transport.request_server import MOST_AT_ONCE, RequestServer
 LOOK_NS = 10_000_000
 """How often to look, at most, whether sending has swallowed a signal: looking costs a fifth of a message."""
 
-_TURN_AWAY_S = 0.05
-"""How soon a request is turned away that comes while the readers leave."""
+_REFUSE_S = 0.05
+"""How soon a request is refused that comes while the readers leave."""
 
 
 class NodeSockets:
@@ -36,7 +36,7 @@ class NodeSockets:
         self.publisher.stirred = self._signalled = True
 
     def pending(self) -> bool:
-        """Return whether :meth:`poll` may have work, whatever the descriptors say."""
+        """Return whether :meth:`poll` may have work, whatever the descriptors show."""
         return self.publisher.stirred or self.requests.stirred
 
     def due(self) -> bool:
@@ -52,18 +52,18 @@ class NodeSockets:
         self.publisher.poll()
 
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
-        """Wait until nobody listens any more, and turn requests away meanwhile."""
+        """Wait until no reader is left, and refuse requests meanwhile."""
         until_ns = monotonic_ns() + patience_ns
         self.poll()
         while self.publisher.readers:
             left_ns = until_ns - monotonic_ns()
-            self.requests.turn_away()
-            wait_s = max(min(left_ns / 1e9, _TURN_AWAY_S), 0.0)
+            self.requests.refuse_waiting()
+            wait_s = max(min(left_ns / 1e9, _REFUSE_S), 0.0)
             ready = select.select((*self.file_descriptors, ends), (), (), wait_s)[0]
             if left_ns <= 0 or ends in ready:
                 break
             self.poll()
-        self.requests.turn_away()
+        self.requests.refuse_waiting()
 
     def close(self) -> None:
         self.context.destroy(linger=200)

@@ -20,7 +20,7 @@ from palp_core.graph.transport.zmq_sockets import InFlightBytes, bind_private, r
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
-HEARTBEAT_NS = 125_000_000  # in which a process says that it lives
+HEARTBEAT_NS = 125_000_000  # between two signs of life
 UNCOPIED_FROM_BYTES = 512 << 10  # below, copying is faster than handing memory over between threads
 PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
 
@@ -85,13 +85,13 @@ class PublisherSocket:
 
     @property
     def named_readers(self) -> Set[str]:
-        """Readers that have said their name: after it they miss nothing."""
+        """Readers that have given their name: after it they miss nothing."""
         return (+self._named).keys()
 
     def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
-        """Keep back whatever is published, until :meth:`release`; or give it to somebody else instead.
+        """Keep back whatever is published, until :meth:`release`; or give it to ``instead``.
 
-        The latter is given what nobody reads, too.
+        That takes what has no reader, too.
         """
         self._held = []
         self._send_frame = instead or self._held.append
@@ -128,7 +128,7 @@ class PublisherSocket:
     def _fill_places(self, topic: bytes, size: int) -> None:
         """Let a large message take a place per MiB in its readers' queues, which are bounded by places.
 
-        A heartbeat says nothing new and takes one: a reader that does not read keeps as many MiB as places.
+        A heartbeat has no news and takes one: a reader that does not read keeps as many MiB as places.
         """
         publisher = self._publishers.get(topic)
         if publisher is not None and size >= PLACE_BYTES:
@@ -173,7 +173,7 @@ class PublisherSocket:
     def _wait_for_room(self, publisher: PublisherEnd[Any]) -> None:
         """Wait until no reader is as far behind as it may be."""
         begin_ns = beat_ns = monotonic_ns()
-        while self._held is None:  # of what is kept back nobody can take up anything
+        while self._held is None:  # what is kept back has no reader yet
             self.poll()
             if publisher.sequence < publisher.room:
                 return

@@ -77,7 +77,7 @@ class TopicReceiver:
 
     @property
     def matched(self) -> bool:
-        """True once every publisher has been heard, and late joiners have what they ask for."""
+        """True once a frame of every publisher has come, and late joiners have what they ask for."""
         return all(buffer.matched for buffer in self.buffers.values())
 
     @property
@@ -118,7 +118,7 @@ class TopicReceiver:
         # where a deadline holds, what is due at its time comes before a message that is late
 
     def pending(self) -> bool:
-        """Return whether there is something to take in, whatever the descriptors say.
+        """Return whether there is something to take in, whatever the descriptors show.
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
@@ -175,9 +175,7 @@ class TopicReceiver:
             buffer.sort(frame, now_ns)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
-        node = topic.split("/")[1]
-        request = {"op": "history", "node": node, "topic": topic, "first": first, "last": last}
-        self._requester.ask(self._migration.servers[topic], request)
+        self._requester.ask_history(self._migration.servers[topic], topic, first, last)
 
     def _deliver(self, frame: Frame) -> None:
         self._inbox.append(frame)

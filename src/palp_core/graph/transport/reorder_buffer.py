@@ -25,7 +25,7 @@ class ReorderBuffer:
     Attributes:
         heard_ns: When anything of the publisher came last; -1 before.
         filled: Of the messages handed on, how many had to be asked for.
-        epoch: Of the publisher; -1 before it is heard.
+        epoch: Of the publisher; -1 before its first frame.
         give_up_ns: Until when an answer is waited for; None: nothing is missing.
         prompt: The input that is handed a message at once if nothing has to come before it; None: none is.
         ack_due: From this sequence on, an ack to its publisher is due.
@@ -60,7 +60,7 @@ class ReorderBuffer:
         self._held: dict[int, Frame] = {}
         self._asked_to = 0
         self._accounted = -1
-        self._first = 0  # where this end began to hear the epoch
+        self._first = 0  # where this end began to receive the epoch
         self._inherited = 0  # up to here a predecessor of the reader has had everything
         self._moving = False
         self._latched = qos.durability == "transient_local"
@@ -76,7 +76,7 @@ class ReorderBuffer:
 
     @property
     def matched(self) -> bool:
-        """True once the publisher has been heard and nothing it had to say before is still to come."""
+        """True once a frame has come, and all that late joiners ask for."""
         return self.heard_ns >= 0 and self.give_up_ns is None
 
     def take_next(self, frame: Frame, now_ns: int) -> bool:
@@ -104,7 +104,7 @@ class ReorderBuffer:
         is_data = frame.kind == _DATA
         if not self._ordered or frame.epoch < self.epoch:
             if is_data:
-                self._hand_on(frame)  # the account tells repeats
+                self._hand_on(frame)  # the account drops repeats
             return
         if frame.epoch > self.epoch:
             self._begin(frame)
@@ -125,7 +125,7 @@ class ReorderBuffer:
             self._skip_to(self._last)
 
     def _begin(self, frame: Frame) -> None:
-        """Go over to a new epoch: the publisher was restarted, or is heard for the first time."""
+        """Go over to a new epoch: the publisher was restarted, or is new to this reader."""
         first_contact = self.epoch < 0
         if not first_contact:
             former_epoch, former_last = former_of(frame)
@@ -170,7 +170,7 @@ class ReorderBuffer:
     def expire(self, now_ns: int) -> None:
         """Give up a gap that was not filled in time."""
         if self.give_up_ns is not None and now_ns >= self.give_up_ns:
-            if self._moving:  # the old place has died before it could say how far it came
+            if self._moving:  # the old place has died before it could state its last sequence
                 self.end_move(now_ns)
                 return
             self.give_up_ns = None
@@ -218,13 +218,11 @@ class ReorderBuffer:
         """Go on where a predecessor of the reader was: it has received everything up to ``last``."""
         if not self._ordered or epoch < 0 or self.epoch > epoch:
             return
-        if self.epoch < epoch:  # this end has not heard the publisher since it was restarted
+        if self.epoch < epoch:  # nothing has come here since the publisher was restarted
             self.epoch, self._last, self.next = epoch, 0, 0
             self._held.clear()
         if self.next > last + 1 and self._first > last + 1:
-            raise SchemaMismatch(
-                f"{self.topic}: messages {last + 1} to {self._first - 1} were heard by neither"
-            )
+            raise SchemaMismatch(f"{self.topic}: messages {last + 1} to {self._first - 1} came to neither")
         self._inherited = last
         if self.next <= last:
             self._held = {sequence: held for sequence, held in self._held.items() if sequence > last}

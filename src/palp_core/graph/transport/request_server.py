@@ -5,7 +5,6 @@ What is kept for those who ask is bounded in bytes.
 
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection, Mapping
-from functools import partial
 from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import msgpack
@@ -35,12 +34,14 @@ LARGE_REPLY_BYTES = 64 << 10
 REPLY_BYTES = 64 << 20
 """Of large replies that those who asked have not taken yet."""
 
+TOO_MANY_REPLIES = "too many large replies wait to be taken; take them and ask again"
+
 
 class NodeRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """What every request says; a subclass says what an operation wants besides."""
+    """What every request has; a subclass adds what an operation needs."""
 
     op: str
-    node: str | None = None  # whom it is for; None: the only one there is
+    node: str | None = None  # None: the only one there is
     # the asker's own, if it may ask again; what changes something is done once for it
     id: Annotated[str, msgspec.Meta(max_length=LONGEST_ID)] | None = None
 
@@ -49,14 +50,14 @@ R = TypeVar("R", bound=NodeRequest)
 
 
 class NodeOperation(Generic[R]):
-    """What can be asked for."""
-
     def __init__(self, wants: type[R], answer: Callable[[R], dict[str, Any]]) -> None:
         self._wants, self._answer = wants, answer
 
-    def read(self, payload: bytes) -> Callable[[], dict[str, Any]]:
-        request = decode_any(self._wants, payload)
-        return lambda: self._answer(request)
+    def check(self, payload: bytes) -> None:
+        decode_any(self._wants, payload)
+
+    def answer(self, payload: bytes) -> dict[str, Any]:
+        return self._answer(decode_any(self._wants, payload))
 
 
 NodeOperations = Mapping[str, NodeOperation[Any]]
@@ -64,9 +65,8 @@ NodeOperations = Mapping[str, NodeOperation[Any]]
 
 class _Waiting(NamedTuple):
     node: str
-    token: str | None
-    answer: Callable[[], dict[str, Any]]
-    size: int
+    request: NodeRequest
+    payload: bytes
     askers: deque[list[bytes]]
 
 
@@ -79,7 +79,7 @@ class RequestServer:
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
-        self._socket = context.socket(zmq.ROUTER)
+        self.socket = self._socket = context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         bind_private(self._socket, endpoint)
@@ -96,7 +96,6 @@ class RequestServer:
         self._performs = False
 
     def add(self, node: str, operations: NodeOperations, deferred: Collection[str] = ()) -> None:
-        """Add a node's operations."""
         self._operations[node], self._deferred[node] = operations, deferred
 
     @property
@@ -130,8 +129,7 @@ class RequestServer:
             self._socket.send_multipart(envelope, zmq.SNDMORE)
             self._in_flight.send(self._socket, reply)
         else:
-            text = "too many large replies wait to be taken; take them and ask again"
-            self._socket.send_multipart([*envelope, _pack({"error": text})])
+            self._socket.send_multipart([*envelope, _pack({"error": TOO_MANY_REPLIES})])
 
     def reply_to(self, envelope: list[bytes], payload: bytes) -> bytes | None:
         """Return the reply to a request; None if it is deferred: :meth:`perform` will send it."""
@@ -153,38 +151,29 @@ class RequestServer:
             if request.id in self._by_token:
                 self._by_token[request.id].askers.append(_checked(envelope))
                 return None
-        answer = known[request.op].read(payload)
         if not deferred or self._performs:
-            return self._answer(answer)[0]
-        # Whose it is by then answers it: another class may have the node's place, or its predecessor again.
-        answer = partial(self._answered_by_now, node, request.op, payload, known, answer)
-        self._put_off(
-            _Waiting(node, request.id, answer, len(payload), deque([_checked(envelope)], MOST_ASKERS))
-        )
+            return self._answer(node, request.op, payload)[0]
+        known[request.op].check(payload)
+        self._put_off(_Waiting(node, request, payload, deque([_checked(envelope)], MOST_ASKERS)))
         return None
 
-    def _answered_by_now(
-        self, node: str, op: str, payload: bytes, known: NodeOperations, answer: Callable[[], dict[str, Any]]
-    ) -> dict[str, Any]:
-        by_now = self._operations[node]
-        return answer() if by_now is known else by_now[op].read(payload)()
-
     def _put_off(self, entry: _Waiting) -> None:
-        if len(self._waiting) >= MOST_WAITING or self._waiting_bytes + entry.size > MOST_WAITING_BYTES:
+        size = self._waiting_bytes + len(entry.payload)
+        if len(self._waiting) >= MOST_WAITING or size > MOST_WAITING_BYTES:
             raise GraphError(
                 f"{len(self._waiting)} requests wait for {entry.node} and the others here already; ask later"
             )
         self._waiting.append(entry)
-        self._waiting_bytes += entry.size
-        if entry.token is not None:
-            self._by_token[entry.token] = entry
+        self._waiting_bytes = size
+        if entry.request.id is not None:
+            self._by_token[entry.request.id] = entry
 
     def _next(self, node: str | None) -> _Waiting | None:
         """Return what has waited longest for a node, or for any."""
         entry = next((entry for entry in self._waiting if node in (None, entry.node)), None)
         if entry is not None:
             self._waiting.remove(entry)
-            self._waiting_bytes -= entry.size
+            self._waiting_bytes -= len(entry.payload)
         return entry
 
     def _node(self, request: NodeRequest) -> str:
@@ -196,20 +185,17 @@ class RequestServer:
             )
         return request.node
 
-    def _answer(self, answer: Callable[[], dict[str, Any]]) -> tuple[bytes, NodeError | None]:
+    def _answer(self, node: str, operation: str, payload: bytes) -> tuple[bytes, NodeError | None]:
+        """Answer by the class that has the node's place now, perhaps another than when it was asked."""
         try:
-            return _pack(answer()), None
-        except NodeError as error:  # the node has failed, and whoever runs it must know
+            return _pack(self._operations[node][operation].answer(payload)), None
+        except NodeError as error:  # the node has failed; its loop raises it
             return _pack({"error": str(error)}), error
-        except Exception as error:  # noqa: BLE001 - as above
+        except Exception as error:  # noqa: BLE001 - as in reply_to
             return _pack({"error": in_words(error)}), None
 
     def perform(self, node: str | None = None) -> None:
-        """Do what waits for a node, or for any, in the order in which it was asked.
-
-        What is asked in the middle of one that takes long, or with it, waits for nothing: its operation sees
-        to that.
-        """
+        """Do what waits for a node, or for any, in its order; what is asked meanwhile does not wait."""
         if not self._waiting:
             return
         self._performs = True
@@ -223,16 +209,16 @@ class RequestServer:
             raise failures[0]
 
     def _perform(self, entry: _Waiting) -> NodeError | None:
-        reply, failure = self._answer(entry.answer)
+        reply, failure = self._answer(entry.node, entry.request.op, entry.payload)
         self._send_all(entry, reply)
-        if entry.token is not None:
-            self._remember(entry.token, reply)
+        if entry.request.id is not None:
+            self._remember(entry.request.id, reply)
         return failure
 
     def _send_all(self, entry: _Waiting, reply: bytes) -> None:
         """Reply to all who have asked for one thing, those included who asked while it was done."""
-        if entry.token is not None:
-            del self._by_token[entry.token]
+        if entry.request.id is not None:
+            del self._by_token[entry.request.id]
         for asker in entry.askers:
             self._send(asker, reply)
 
@@ -255,8 +241,8 @@ class RequestServer:
         while len(self._remembered) > REMEMBERED or self._remembered_bytes > REMEMBERED_BYTES:
             self._remembered_bytes -= len(self._remembered.popitem(last=False)[1])
 
-    def turn_away(self) -> None:
-        """Ask those who wait to ask again: another process goes on with the node."""
+    def refuse_waiting(self) -> None:
+        """Let those who wait ask again: another process goes on with the node."""
         while (entry := self._next(None)) is not None:
             text = f"{entry.node} was swapped for another while this was asked; ask again"
             self._send_all(entry, _pack({"error": text, "again": True}))

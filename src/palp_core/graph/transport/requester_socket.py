@@ -18,8 +18,8 @@ class RequesterSocket:
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]] | None = None) -> None:
         self._descriptors: dict[str, int] = {}
-        self._own_context = zmq.Context() if context is None else None
-        self._context = context or self._own_context
+        self._owns_context = context is None
+        self._context = zmq.Context() if context is None else context
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
         self.file_descriptors: tuple[int, ...] = ()
 
@@ -31,15 +31,19 @@ class RequesterSocket:
 
     def ask(self, endpoint: str, request: dict[str, Any]) -> None:
         if endpoint not in self._sockets:
-            assert self._context is not None
             socket = self._sockets[endpoint] = self._context.socket(zmq.DEALER)
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
             socket.connect(endpoint)
             self._descriptors[endpoint] = int(socket.getsockopt(zmq.FD))
             self.file_descriptors = tuple(self._descriptors.values())
-        with contextlib.suppress(zmq.Again):  # whoever asks asks again, or gives up
+        with contextlib.suppress(zmq.Again):  # the asker asks again, or gives up
             self._sockets[endpoint].send(msgpack.packb(request), _NOBLOCK)
+
+    def ask_history(self, endpoint: str, topic: str, first: int, last: int) -> None:
+        """Ask for the messages of these sequences that a topic's publisher still has."""
+        where = {"node": topic.split("/")[1], "topic": topic}
+        self.ask(endpoint, {"op": "history", **where, "first": first, "last": last})
 
     def pending(self) -> bool:
         return bool(self._sockets) and any(map(readable, self._sockets.values()))
@@ -54,8 +58,8 @@ class RequesterSocket:
     def close(self) -> None:
         for socket in self._sockets.values():
             socket.close(linger=0)
-        if self._own_context is not None:
-            self._own_context.term()
+        if self._owns_context:
+            self._context.term()
 
 
 def ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:

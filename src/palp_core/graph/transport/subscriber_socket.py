@@ -1,4 +1,4 @@
-"""The receiving side of one process: a SUB socket that reads topics, each at its publisher's endpoint."""
+"""The receiving side of one process: an XSUB socket that reads topics, each at its publisher's endpoint."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Mapping
@@ -12,6 +12,7 @@ from palp_core.graph.transport.zmq_sockets import readable
 
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 ARRAY_QUEUE = 256  # places; a message of 5 MB takes 5. With 16, small arrays travelled at half the rate
+BEGIN, END = b"\1", b"\0"  # of a subscription
 _NOBLOCK = int(zmq.NOBLOCK)  # an enum costs a microsecond a call
 
 
@@ -31,55 +32,35 @@ class SubscriberSocket:
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
         queue: int = RECEIVE_QUEUE,
         name: str = "",
-        flow_controls: Iterable[bytes] | None = None,
+        flow_controls: Iterable[bytes] = (),
     ) -> None:
-        self._own_context = zmq.Context() if context is None else None
-        self._context = self._own_context or context
-        assert self._context is not None
-        self._sends_acks = flow_controls is not None
-        self._socket = self._context.socket(zmq.XSUB if self._sends_acks else zmq.SUB)
+        self._owns_context = context is None
+        self.context = zmq.Context() if context is None else context
+        self.socket = self._socket = self.context.socket(zmq.XSUB)
         self._socket.setsockopt(zmq.RCVHWM, queue)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
         self.subscribe(endpoints)
-        for token in flow_controls or ():  # after the topics, before the name: in this order ZeroMQ repeats
-            self._begin(token)
+        for token in flow_controls:  # after the topics, before the name: in this order ZeroMQ repeats
+            self.send_up(BEGIN + token)
         if name:
-            self._begin(READER + name.encode())
+            self.send_up(BEGIN + READER + name.encode())
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 
-    def _begin(self, subscription: bytes) -> None:
-        if self._sends_acks:
-            self.send_up(b"\x01" + subscription)
-        else:
-            self._socket.setsockopt(zmq.SUBSCRIBE, subscription)
-
-    def _end(self, subscription: bytes) -> None:
-        if self._sends_acks:
-            self.send_up(b"\0" + subscription)
-        else:
-            self._socket.setsockopt(zmq.UNSUBSCRIBE, subscription)
-
-    def send_up(self, ack: bytes) -> None:
-        """Send an ack to all publishers."""
+    def send_up(self, message: bytes) -> None:
+        """Send a subscription or an ack to all publishers."""
         self.is_stirred = True
-        self._socket.send(ack)
-
-    @property
-    def context(self) -> zmq.Context[zmq.Socket[bytes]]:
-        assert self._context is not None
-        return self._context
+        self._socket.send(message)
 
     def subscribe(self, endpoints: Mapping[str, str]) -> None:
         for endpoint in sorted(set(endpoints.values())):
             self.connect(endpoint)
         for name in endpoints:
-            self._begin(name.encode() + b"\0")
+            self.send_up(BEGIN + name.encode() + b"\0")
 
     def unsubscribe(self, names: Iterable[str]) -> None:
-        """Hear topics no longer; their publishers send them to this socket no more."""
         for name in names:
-            self._end(name.encode() + b"\0")
+            self.send_up(END + name.encode() + b"\0")
 
     def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""
@@ -127,5 +108,5 @@ class SubscriberSocket:
 
     def close(self) -> None:
         self._socket.close(linger=0)
-        if self._own_context is not None:
-            self._own_context.term()
+        if self._owns_context:
+            self.context.term()
