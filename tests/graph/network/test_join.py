@@ -85,16 +85,37 @@ def node_process(host: Host, parent: str) -> psutil.Process:
     return found
 
 
-def test_a_node_of_another_host_reads_every_message_on_the_graphs_clock_until_ctrl_c(
+def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_as_any_other_until_ctrl_c(
     home: Host, graph: Launched, away: Host
 ) -> None:
     book = away.book()
-    guest = away.start(*keeper(home, graph, "reader", book))
-    book.until("active")
+    guest = away.start(*keeper(home, graph, "guest", book))
+    graph.said("/guest has joined")
     ticks = [book.until("tick") for _ in range(100)]
     indices = [int(tick[1]) for tick in ticks]
     assert indices == list(range(indices[0], indices[0] + 100))
     delays_s = [(int(now_ns) - int(sent_ns)) / 1e9 for _, _, sent_ns, now_ns in ticks]
+
+    graph.until(lambda: "guest" in graph.nodes)
+    assert graph.record()["listen"] == graph.address
+    echoed = home.run("topic", "echo", "/guest/heard", "--once", "--json")
+    assert echoed.returncode == 0, echoed.stderr
+    assert '"index"' in echoed.stdout
+    info = graph.ask("guest", op="info")
+    assert (info["name"], info["inputs"]["/ticker/tick"]["lost"]) == ("guest", 0)
+    assert graph.ask("guest", op="no_such")["error"]
+    does: dict[str, Any] = {}
+    while does.get("lifecycle") != "active":
+        echoed = home.run("topic", "echo", "/graph/health", "--json", "--once")
+        does = next((node for node in json.loads(echoed.stdout)["nodes"] if node["node"] == "guest"), {})
+    assert does["pid"] == 0
+    assert does["memory_bytes"] > 0
+    assert [edge["topic"] for edge in does["edges"]] == ["/ticker/tick"]
+    history = graph.ask("graph", op="history", topic="/graph/events", first=1, last=1000)
+    events = [decode(GraphEvent, parse(frame).payload) for frame in history["frames"]]
+    (joined,) = [event for event in events if (event.kind, event.node) == ("joined", "guest")]
+    assert json.loads(joined.data)["address"] == "127.0.0.1"
+
     guest.send_signal(signal.SIGINT)
     status, said = finished(guest)
     known = re.search(r"its clock is known to ([\d.]+) ms", said)
@@ -103,37 +124,8 @@ def test_a_node_of_another_host_reads_every_message_on_the_graphs_clock_until_ct
     assert status == 130
     assert "the node has ended" in said
     book.until("safe")
-    graph.said("/reader has left")
+    graph.said("/guest has left")
     assert away.all_gone()
-
-
-def test_tools_of_the_graphs_host_use_a_joined_node_as_any_other(
-    home: Host, graph: Launched, away: Host
-) -> None:
-    book = away.book()
-    away.start(*keeper(home, graph, "guest", book))
-    graph.said("/guest has joined")
-    book.until("tick")
-    graph.until(lambda: "guest" in graph.nodes)
-    assert graph.record()["listen"] == graph.address
-    echoed = home.run("topic", "echo", "/guest/heard", "--once", "--json")
-    assert echoed.returncode == 0, echoed.stderr
-    assert '"index"' in echoed.stdout
-    info = graph.ask("guest", op="info")
-    assert info["name"] == "guest"
-    assert info["inputs"]["/ticker/tick"]["lost"] == 0
-    assert graph.ask("guest", op="no_such")["error"]
-    does: dict[str, Any] = {}
-    while does.get("lifecycle") != "active":
-        echoed = home.run("topic", "echo", "/graph/health", "--json", "--once")
-        does = next((node for node in json.loads(echoed.stdout)["nodes"] if node["node"] == "guest"), {})
-    assert (does["pid"], does["lifecycle"]) == (0, "active")
-    assert does["memory_bytes"] > 0
-    assert [edge["topic"] for edge in does["edges"]] == ["/ticker/tick"]
-    history = graph.ask("graph", op="history", topic="/graph/events", first=1, last=1000)
-    events = [decode(GraphEvent, parse(frame).payload) for frame in history["frames"]]
-    (joined,) = [event for event in events if (event.kind, event.node) == ("joined", "guest")]
-    assert json.loads(joined.data)["address"] == "127.0.0.1"
 
 
 def test_a_joined_nodes_output_goes_into_a_port_declared_external(
@@ -296,12 +288,12 @@ def test_both_ends_of_a_join_know_of_one_that_slept_and_the_guest_is_safe(
     if seconds:
         lasting(home, seconds)
     else:
-        graph.said("has left: it has not been heard for 3 s")
+        graph.said("has left: nothing came from it for 3 s")
     for process in slept:
         process.resume()
     status, said = finished(guest)
     assert status == 1
-    assert "this graph has dropped the connection" in said or "is not heard any more" in said  # who is first
+    assert "this graph has dropped the connection" in said or "answers no longer" in said  # who is first
     book.until("safe")
     if seconds:
         graph.said("/sleeper has left")
@@ -321,13 +313,6 @@ def test_when_the_graph_ends_nothing_remains_and_its_guest_is_safe(
     book.until("safe")
     assert lone_home.all_gone()
     assert lone_away.all_gone()
-
-
-def test_a_graph_in_simulated_time_cannot_be_joined(lone_home: Host) -> None:
-    lone_home.file.write_text(lone_home.file.read_text().replace("clock: wall", "clock: sim"))
-    refused = lone_home.here("launch", lone_home.file, "--listen", "tcp://127.0.0.1:0")
-    assert refused.returncode == 2
-    assert "only one with clock: wall can be joined" in refused.stderr
 
 
 def test_a_node_runs_alone_and_takes_messages_from_outside(lone_home: Host) -> None:
@@ -377,8 +362,21 @@ def test_a_node_that_the_launch_file_expects_joins_with_its_wires_and_params_and
     assert lone_away.all_gone()
 
 
-def test_a_graph_that_expects_somebody_says_where_it_listens(lone_home: Host) -> None:
-    lone_home.file.write_text(EXPECTING)
-    done = lone_home.here("launch", lone_home.file)
-    assert done.returncode == 2
-    assert "say where it can: --listen" in done.stderr
+@pytest.mark.parametrize(
+    ("text", "listen", "words"),
+    [
+        (
+            LAUNCH.replace("clock: wall", "clock: sim"),
+            ["tcp://127.0.0.1:0"],
+            "only one with clock: wall can be",
+        ),
+        (EXPECTING, [], "metronome joins from another host; add --listen"),
+    ],
+)
+def test_a_graph_that_cannot_be_joined_is_not_launched(
+    lone_home: Host, text: str, listen: list[str], words: str
+) -> None:
+    lone_home.file.write_text(text)
+    refused = lone_home.here("launch", lone_home.file, *(f"--listen={address}" for address in listen))
+    assert refused.returncode == 2
+    assert words in refused.stderr

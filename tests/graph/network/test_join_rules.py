@@ -20,7 +20,6 @@ from palp_core.graph.description.node_class import NodeClassRequest, inspect_cla
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.network import join_protocol
 from palp_core.graph.network.address import host_and_port, plan_listening
 from palp_core.graph.network.bridge import OffsetEstimate
 from palp_core.graph.network.curve import Received
@@ -28,6 +27,8 @@ from palp_core.graph.network.gateway import BURST, MOST_KINDS, PERIOD_NS, Gatewa
 from palp_core.graph.network.gateway_handle import view_of
 from palp_core.graph.network.join_protocol import (
     PROTOCOL,
+    FromGateway,
+    GatewayEvent,
     GraphView,
     HealthReport,
     Join,
@@ -35,6 +36,7 @@ from palp_core.graph.network.join_protocol import (
     JoinMessage,
     JoinRequest,
     ListenOn,
+    ToGateway,
     decode_message,
 )
 from palp_core.graph.network.joining import join_request, objections, wired_spec
@@ -46,7 +48,7 @@ from tests.support.hosts import LAUNCH, TOYS
 from tests.support.rig_session import check_here
 
 NS = st.integers(0, 10**9)
-MESSAGES = (5, "f23e44a1053930d1")
+MESSAGES = (6, "8d1e14fd771c367e")
 
 
 def without_prose(schema: Any) -> Any:
@@ -182,14 +184,14 @@ def test_a_launch_file_expects_somebody_on_the_wall_clock_only(toys: tuple[Path,
 
 
 @settings(max_examples=200, deadline=None)
-@example([b"\x81\xa1x" * 100_000])
-@given(st.lists(st.binary(max_size=200), min_size=1, max_size=3))
-def test_no_bytes_do_harm_to_who_reads_a_word(parts: list[bytes]) -> None:
+@example(b"\x81\xa1x" * 100_000)
+@given(st.binary(max_size=200))
+def test_no_bytes_do_harm_to_who_reads_a_word(raw: bytes) -> None:
     try:
-        decode_message(parts)
+        decode_message(raw)
     except SchemaMismatch:
         return
-    assert isinstance(msgspec.msgpack.decode(parts[0]), dict)
+    assert isinstance(msgspec.msgpack.decode(raw), dict)
 
 
 def health(node: str) -> bytes:
@@ -203,9 +205,9 @@ def health(node: str) -> bytes:
 
 def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
     ours, theirs = socket.socketpair()
-    launcher = MessageChannel(ours, msgspec.msgpack.Decoder(join_protocol.FromGateway))
+    launcher = MessageChannel(ours, msgspec.msgpack.Decoder(FromGateway))
     gateway = Gateway(
-        MessageChannel(theirs, msgspec.msgpack.Decoder(join_protocol.ToGateway)),
+        MessageChannel(theirs, msgspec.msgpack.Decoder(ToGateway)),
         ListenOn(run_dir=str(tmp_path), endpoint="tcp://127.0.0.1:0", secured=False, view=VIEW),
         KeyFolder(tmp_path / "keys"),
     )
@@ -218,16 +220,17 @@ def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Pa
         *[HealthReport(health=health("torque")) for _ in range(1000)],
     ]
     for word in words:
-        gateway._on_received(Received(b"connection", "", "127.0.0.1", [msgspec.msgpack.encode(word)]))
+        gateway._on_received(Received(b"connection", "", "127.0.0.1", msgspec.msgpack.encode(word)))
     gateway._report("last", "", "")
-    sent = list(iter(launcher.receive, join_protocol.GatewayEvent(kind="last", node="", text="", data={})))
-    assert [type(message) for message in sent[:2]] == [join_protocol.Listening, join_protocol.NodeJoined]
-    reports = [message for message in sent if isinstance(message, join_protocol.NodeReported)]
+    sent = list(iter(launcher.receive, GatewayEvent(kind="last", node="", text="")))
+    events = [message.kind for message in sent if isinstance(message, GatewayEvent)]
+    assert events == ["listening", "joined"]
+    reports = [message for message in sent if isinstance(message, HealthReport)]
     does = decode(NodeHealth, reports[0].health)
-    assert (reports[0].name, does.node, does.pid) == ("guest", "guest", 0)
+    assert (reports[0].node, does.node, does.pid) == ("guest", "guest", 0)
     assert 0 < does.counted_ns <= monotonic_ns()  # it has not said when it counted
     assert 0 < len(reports) < 1000
-    gateway._event_loop.close()
+    gateway.event_loop.close()
     for channel in (launcher, gateway._channel):
         channel.close()
 
@@ -248,7 +251,7 @@ def test_beyond_loopback_there_must_be_keys(tmp_path: Path, address: str) -> Non
     keys.generate("rig")
     planned = plan_listening(address, keys)
     assert planned.secured
-    assert "nobody is allowed" in planned.warnings[0]
+    assert "no host is allowed" in planned.warnings[0]
     local = plan_listening("tcp://localhost:5", KeyFolder(tmp_path / "none"))
     assert not local.secured
     assert "without keys" in local.warnings[0]
@@ -265,7 +268,6 @@ def test_strangers_take_bounded_memory_and_lines_and_one_that_insists_is_told_at
         strangers.add("10.0.0.1" if insists else str(k), "", "why", PERIOD_NS + k * step_ns) is not None
         for k in range(count)
     ]
-    assert strangers.total_count == count
     assert len(strangers.kinds) == (1 if insists else min(count, MOST_KINDS))
     assert sum(told) <= BURST + seconds
     if insists:

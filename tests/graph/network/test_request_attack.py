@@ -64,8 +64,7 @@ WORDS: dict[str, dict[str, Any]] = {
     "hello": {"protocol": join_protocol.PROTOCOL},
     "join": {"request": {**GUEST, "outputs": {}, "inputs": {}, "feeds": {}, "reads_truth": False}},
     "clock": {"sent_ns": 5, "gateway_ns": 0},
-    "subscribe": {"topic": "/n/told"},
-    "unsubscribe": {"topic": "/n/told"},
+    "subscribe": {"topic": "/n/told", "wanted": True},
     "reply": {"envelope": [b"n", b"1"], "body": b"\x80"},
     "beat": {},
     "health": {"health": b"\x80"},
@@ -252,7 +251,7 @@ class Door:
 
     def close(self) -> None:
         self._host.close(linger=0)
-        self.gateway._event_loop.close()
+        self.gateway.event_loop.close()
         self.gateway._channel.close()
         self._launcher.close()
 
@@ -326,12 +325,12 @@ def test_requests_that_wait_for_a_host_are_refused_when_it_leaves(door: Door, tm
 
 def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None:
     for n in range(10):
-        for op in ("subscribe", "unsubscribe"):
-            door.say([[msgpack.packb({"op": op, "topic": f"/n/never{n}"})]])
-    assert not door.gateway._relay._tap._reorderers
-    assert not door.gateway._relay._tap._migration.servers
+        for wanted in (True, False):
+            door.say([[msgpack.packb({"op": "subscribe", "topic": f"/n/never{n}", "wanted": wanted})]])
+    assert not door.gateway._tap._reorderers
+    assert not door.gateway._tap.migration.servers
     door.say([[msgpack.packb({"op": "subscribe", "topic": "/n/" + "x" * 300})]])
-    assert not door.gateway._relay._tap._reorderers
+    assert not door.gateway._tap._reorderers
 
 
 @pytest.mark.parametrize(

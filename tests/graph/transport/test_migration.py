@@ -124,15 +124,15 @@ def test_a_tool_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> 
 
 
 def test_a_gateway_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> None:
-    heard: list[list[bytes]] = []
+    heard: list[bytes] = []
     event_loop = EventLoop()
-    tap = Tap(event_loop, lambda _, parts: heard.append(parts))
+    tap = Tap(event_loop, lambda _, frame: heard.append(frame))
     tap.subscribe(TOPIC.encode(), f"ipc://{tmp_path}/a.pub")
     for phase in ("prepare", "gone"):
-        tap._on_frame([raw_of(moved(phase, f"{tmp_path}/+1"))])
+        tap._on_frame(raw_of(moved(phase, f"{tmp_path}/+1")), 0)
     publisher = event_loop.socket(zmq.PUB)
     publisher.bind(f"ipc://{tmp_path}/a.pub")
-    tap.tick(LOOK_NS)
+    tap.migration.tick(LOOK_NS)
     for sequence in range(1, 1000):  # each turn waits a tenth of a second for something to come
         publisher.send(pack(TOPIC.encode(), Kind.DATA, 0, sequence, 0, 0))
         event_loop.turn(0.1)

@@ -48,7 +48,7 @@ def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
         )
     elif not keys.allowed():
         warnings.append(
-            "nobody is allowed to join yet; on the other host: palp keys generate; here: palp keys allow FILE"
+            "no host is allowed to join; on the other host: palp keys generate; here: palp keys allow FILE"
         )
     warnings += [
         f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in"

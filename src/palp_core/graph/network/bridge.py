@@ -1,4 +1,4 @@
-"""The joined host's end of the connection to a gateway: a thread that stands for the graph's nodes.
+"""The joined host's end of the connection to a gateway: a thread in place of the graph's nodes.
 
 The joined node runs as any node does, in a run directory of its own, where the thread has bound the endpoints
 of every node of the graph. It knows nothing of tcp either.
@@ -6,24 +6,24 @@ of every node of the graph. It knows nothing of tcp either.
 
 import contextlib
 import logging
-import os
 import select
+import socket
 import threading
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
-from queue import SimpleQueue
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
+
+import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.address import Address
 from palp_core.graph.network.curve import CurveCaller
-from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.relay import Peer, Relay
 from palp_core.graph.node.spec import NAME
+from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.supervision.interrupt import Interrupt
 
 EXCHANGES = 16
@@ -36,30 +36,6 @@ CLOSE_TIMEOUT_S = 2.0
 _GATEWAY = b"gateway"
 _LOG = logging.getLogger("palp.bridge")
 Wanted = TypeVar("Wanted")
-
-
-class GraphReached(NamedTuple):
-    """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
-
-    view: join_protocol.GraphView
-    uncertainty_ns: int
-
-
-class _Mailbox:
-    """Messages from one thread to another, whose descriptor becomes readable."""
-
-    def __init__(self) -> None:
-        self.descriptor = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
-        self._messages: SimpleQueue[Any] = SimpleQueue()
-
-    def put(self, message: object) -> None:
-        self._messages.put(message)
-        os.eventfd_write(self.descriptor, 1)
-
-    def take(self) -> list[Any]:
-        with contextlib.suppress(BlockingIOError):
-            os.eventfd_read(self.descriptor)
-        return [self._messages.get() for _ in range(self._messages.qsize())]
 
 
 class Offset(NamedTuple):
@@ -98,25 +74,27 @@ class JoinedGraph:
 
     def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
         self._interrupt = interrupt
-        self._received: list[Any] = []
+        self._received: list[join_protocol.FromBridge] = []
         self.start_ns: int | None = None  # of the graph, on this host's monotonic clock
         self.lost: join_protocol.JoinRefused | None = None
         self.goodbye = join_protocol.LeaveGraph(text="it could not start", exit_code=-1)
-        self._inbox, self._outbox = _Mailbox(), _Mailbox()
-        bridge = _Bridge(address, folder, self._outbox, self._inbox.put)
+        ours, theirs = socket.socketpair()
+        self._channel = MessageChannel(ours, msgspec.msgpack.Decoder(join_protocol.FromBridge))
+        bridge = _Bridge(address, folder, theirs)
         self._thread = threading.Thread(target=bridge.run, name="bridge", daemon=True)
         self._thread.start()
 
     @property
     def descriptor(self) -> int:
         """Becomes readable when something has come."""
-        return self._inbox.descriptor
+        return self._channel.socket.fileno()
 
     def send(self, message: join_protocol.JoinMessage) -> None:
-        self._outbox.put(message)
+        with contextlib.suppress(ChannelClosed):  # the bridge has ended; ``lost`` has the reason
+            self._channel.send(message)
 
     def receive(self) -> None:
-        for message in self._inbox.take():
+        for message in self._channel.receive_all():
             self._received.append(message)
             if isinstance(message, join_protocol.Active):
                 self.start_ns = message.start_ns
@@ -137,14 +115,15 @@ class JoinedGraph:
     def close(self) -> None:
         self.send(self.goodbye)
         self._thread.join(CLOSE_TIMEOUT_S)
+        self._channel.close()
 
 
-class _Bridge:
-    def __init__(
-        self, address: Address, folder: Path, outbox: _Mailbox, report: Callable[[object], None]
-    ) -> None:
+class _Bridge(Relay):
+    def __init__(self, address: Address, folder: Path, to_run: socket.socket) -> None:
+        super().__init__(str(folder))
         keys = KeyFolder()
-        self._endpoint, self._outbox, self._report = address.endpoint, outbox, report
+        self._endpoint = address.endpoint
+        self._channel = MessageChannel(to_run, msgspec.msgpack.Decoder(join_protocol.ToBridge))
         self._view: join_protocol.GraphView | None = None
         self._request: join_protocol.JoinRequest | None = None
         self._offsets = OffsetEstimate()
@@ -155,14 +134,8 @@ class _Bridge:
         self._began_ns = monotonic_ns()
         self._next_beat_ns = 0
         self._connected = False
-        self._event_loop = EventLoop()
-        self._relay = Relay(
-            self._event_loop,
-            str(folder),
-            is_local=lambda name: self._request is not None and name == self._request.name,
-        )
         self._caller = CurveCaller(
-            self._event_loop,
+            self.event_loop,
             address.endpoint,
             keys.own() if address.server_key else None,
             address.server_key,
@@ -170,15 +143,18 @@ class _Bridge:
             connected=self._on_connected,
             failed=self._report_lost,
         )
-        self._gateway = Peer(self._caller.send, address.server_key, address.endpoint)
-        self._relay.peers[_GATEWAY] = self._gateway
-        self._event_loop.watch(outbox.descriptor, self._on_outbox)
+        self._gateway = Peer(_GATEWAY, self._caller.send, address.server_key, address.endpoint)
+        self.peers[_GATEWAY] = self._gateway
+        self.event_loop.watch(to_run.fileno(), self._on_channel)
+
+    def is_local(self, node: str) -> bool:
+        return self._request is not None and node == self._request.name
 
     def run(self) -> None:
         """Relay until one of the ends is gone."""
         try:
             while not self._ended:
-                self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+                self.event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
                 if monotonic_ns() >= self._next_beat_ns:
                     self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
                     self._on_beat_due()
@@ -187,7 +163,8 @@ class _Bridge:
         except Exception as error:  # noqa: BLE001 - the node must reach its safe state
             self._report_lost(f"the bridge to the graph has failed: {in_words(error)}")
         finally:
-            self._event_loop.close(linger_ms=500)
+            self.event_loop.close(linger_ms=500)
+            self._channel.close()
 
     def _on_beat_due(self) -> None:
         endpoint = self._endpoint
@@ -203,27 +180,30 @@ class _Bridge:
                     "no firewall between?"
                 )
             return
-        self._relay.tick(monotonic_ns())
-        self._gateway.send(join_protocol.Beat())
-        self._ask_time()
+        self.look_for_publishers()
+        self._ask_time()  # which shows that this end is alive, too
         if self._gateway.gone or self._gateway.silent:
-            self._report_lost(f"the gateway at {endpoint} is not heard any more")
+            self._report_lost(f"the gateway at {endpoint} answers no longer")
 
     def _begin_when_read(self, start_ns: int) -> None:
         """Let the node begin, once no message of it can miss its readers."""
-        if self._request is not None and self._relay.all_read(self._request.outputs):
+        if self._request is not None and self.all_read(self._request.outputs):
             self._start_ns, self._used = None, self._offsets.best()
             self._report(join_protocol.Active(start_ns=start_ns - self._used.offset_ns))
 
     # palp run
 
-    def _on_outbox(self) -> None:
-        for message in self._outbox.take():
+    def _on_channel(self) -> None:
+        for message in self._channel.receive_all():
             if isinstance(message, join_protocol.Join):
                 self._request = message.request
                 self._add_proxies()
             self._gateway.send(message)
             self._ended = self._ended or isinstance(message, join_protocol.LeaveGraph)
+
+    def _report(self, message: join_protocol.FromBridge) -> None:
+        with contextlib.suppress(ChannelClosed):  # it did not wait for this thread's end
+            self._channel.send(message)
 
     def _report_lost(self, text: str, *, finished: bool = False) -> None:
         if not self._ended:
@@ -236,9 +216,9 @@ class _Bridge:
         self._connected = True
         self._gateway.send(join_protocol.JoinHello())
 
-    def _on_received(self, parts: list[bytes]) -> None:
+    def _on_received(self, raw: bytes) -> None:
         try:
-            match self._relay.receive(self._gateway, parts):
+            match self.relay(self._gateway, raw):
                 case None:
                     pass
                 case join_protocol.ClockSample(sent_ns=sent_ns, gateway_ns=gateway_ns):
@@ -269,9 +249,9 @@ class _Bridge:
         assert self._view is not None
         assert self._request is not None
         for name in sorted(set(self._view.nodes) | set(self._view.expected)):
-            known = name == self._request.name or self._relay.has_proxy(name)
+            known = name == self._request.name or self.has_proxy(name)
             if not known and NAME.fullmatch(name) is not None:
-                self._relay.add_proxy(name, self._gateway)
+                self.add_proxy(name, self._gateway)
 
     def _ask_time(self) -> None:
         self._gateway.send(join_protocol.ClockSample(sent_ns=monotonic_ns()))
@@ -282,7 +262,7 @@ class _Bridge:
             self._ask_time()
         elif self._view is not None and len(self._offsets) == EXCHANGES and self._used is None:
             uncertainty_ns = self._offsets.best().uncertainty_ns
-            self._report(GraphReached(self._view, uncertainty_ns))
+            self._report(join_protocol.GraphReached(view=self._view, uncertainty_ns=uncertainty_ns))
         elif self._used is not None:
             self._watch_drift(self._used)
 

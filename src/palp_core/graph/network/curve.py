@@ -55,11 +55,11 @@ class Received(NamedTuple):
     connection: bytes
     key: str
     address: str
-    parts: list[bytes]
+    message: bytes
 
 
 class CurveListener:
-    """A ROUTER on tcp; without a pair of its own it lets anybody in.
+    """A ROUTER on tcp; without a pair of its own it lets every caller in.
 
     ``refused`` takes address, public key ("" if none was shown) and reason of each that is turned away;
     ``disconnected`` is called when some connection has ended.
@@ -105,9 +105,9 @@ class CurveListener:
         self.endpoint = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
         event_loop.watch(self._router, self._receive_pending)
 
-    def send(self, connection: bytes, in_flight: InFlightBytes, parts: list[bytes]) -> Sent:
+    def send(self, connection: bytes, in_flight: InFlightBytes, message: bytes) -> Sent:
         try:
-            return _send(self._router, parts, in_flight, connection)
+            return _send(self._router, message, in_flight, connection)
         except zmq.ZMQError as error:
             if error.errno != errno.EHOSTUNREACH:
                 raise
@@ -123,7 +123,8 @@ class CurveListener:
                 self._strangers.pop(frames[-1].get(zmq.SRCFD), None)
                 key = _property(frames[-1], "User-Id") if self._secured else ""
                 address = _property(frames[-1], "Peer-Address")
-                self._receive(Received(connection.bytes, key, address, [frame.bytes for frame in frames]))
+                message = frames[0].bytes if len(frames) == 1 else b""  # which nothing can read
+                self._receive(Received(connection.bytes, key, address, message))
 
     def _authenticate(self, parts: list[bytes]) -> None:
         identity, delimiter, version, request, _domain, address, _routing, mechanism, *credentials = parts
@@ -168,7 +169,7 @@ class CurveListener:
         if failure == _OTHER_MECHANISM:
             return "it has no key" if self._secured else "it wants a key, and this host has none"
         if failure == errno.EAGAIN:
-            return f"it said nothing for {HANDSHAKE_MS / 1e3:g} s"
+            return f"it sent nothing for {HANDSHAKE_MS / 1e3:g} s"
         if failure == errno.EPIPE:  # it saw that a key is asked for, and left
             return "it hung up during the handshake; it may have no key"
         return f"it broke the protocol (code {failure:#x})"
@@ -184,15 +185,13 @@ class CurveCaller:
         own: OwnKeys | None,
         server_key: str,
         *,
-        receive: Callable[[list[bytes]], None],
+        receive: Callable[[bytes], None],
         connected: Callable[[], None],
         failed: Callable[[str], None],
     ) -> None:
         self._endpoint, self._own = endpoint, own
         self._receive, self._connected, self._failed = receive, connected, failed
-        self.accepted = False
-        self.attempt_count = 0
-        self._stands = False
+        self.accepted = self._is_connected = False
         self._in_flight = in_flight_bytes()
         self._dealer = _tcp_socket(event_loop, zmq.DEALER)
         self._dealer.setsockopt(zmq.IMMEDIATE, 1)
@@ -206,22 +205,23 @@ class CurveCaller:
             self._dealer.connect(endpoint)
         except zmq.ZMQError as error:
             raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
-        event_loop.receive(self._dealer, receive)
+        event_loop.receive(self._dealer, self._take)
 
-    def send(self, parts: list[bytes]) -> Sent:
-        outcome = _send(self._dealer, parts, self._in_flight)
-        return Sent.GONE if outcome is Sent.FULL and not self._stands else outcome
+    def _take(self, parts: list[bytes]) -> None:
+        self._receive(parts[0])
+
+    def send(self, message: bytes) -> Sent:
+        outcome = _send(self._dealer, message, self._in_flight)
+        return Sent.GONE if outcome is Sent.FULL and not self._is_connected else outcome
 
     def _on_event(self, event: int, value: int) -> None:
         self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
         if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
-            self._stands = True
+            self._is_connected = True
             self._connected()
-        elif event == zmq.EVENT_CONNECT_RETRIED:
-            self.attempt_count += 1
-        elif event == zmq.EVENT_DISCONNECTED and self._stands:
-            drain(self._dealer, self._receive)  # its last messages came before the end
-            self._stands = False
+        elif event == zmq.EVENT_DISCONNECTED and self._is_connected:
+            drain(self._dealer, self._take)  # its last messages came before the end
+            self._is_connected = False
             self._failed(f"the connection to {self._endpoint} has ended")
         elif event & FAILED:
             self._failed(f"{self._endpoint} {self._why(event, value)}")
@@ -234,7 +234,7 @@ class CurveCaller:
                 f"'{self._own.public}' --name {self._own.name}"
             )
         if value == errno.EAGAIN:
-            return f"accepts the call but says nothing for {HANDSHAKE_MS / 1e3:g} s: it is no palp gateway"
+            return f"accepts the call but sends nothing for {HANDSHAKE_MS / 1e3:g} s: it is no palp gateway"
         if self._own is None:
             return (
                 "hung up on a caller without a key: make one (palp keys generate), let that host allow it, "
@@ -269,22 +269,20 @@ def in_flight_bytes() -> InFlightBytes:
 
 
 def _send(
-    socket: zmq.Socket[bytes], parts: list[bytes], in_flight: InFlightBytes, connection: bytes = b""
+    socket: zmq.Socket[bytes], message: bytes, in_flight: InFlightBytes, connection: bytes = b""
 ) -> Sent:
     """Send without waiting and, as ZeroMQ's own marks count messages, without holding too many bytes."""
-    size = max(sum(map(len, parts)), LEAST_BYTES)
-    is_frame = parts[0][:1] == b"/"
-    if not in_flight.has_room(size + (WINDOW_BYTES if is_frame else 0)):
+    size = max(len(message), LEAST_BYTES)
+    if not in_flight.has_room(size + (WINDOW_BYTES if message[:1] == b"/" else 0)):
         return Sent.FULL
     try:
         if connection:
             socket.send(connection, zmq.NOBLOCK | zmq.SNDMORE)
         if size == LEAST_BYTES and in_flight.untracked < TRACKED_BYTES:
-            socket.send_multipart(parts, zmq.NOBLOCK)
+            socket.send(message, zmq.NOBLOCK)
             in_flight.untracked += size
         else:
-            for left, part in zip(reversed(range(len(parts))), parts, strict=True):
-                in_flight.send(socket, part, zmq.NOBLOCK | (zmq.SNDMORE if left else 0))
+            in_flight.send(socket, message, zmq.NOBLOCK)
     except zmq.Again:
         return Sent.FULL
     return Sent.QUEUED

@@ -1,8 +1,7 @@
-"""The gateway of a graph: the one process that is reachable over tcp, and stands for nodes that join.
+"""The gateway of a graph: the one process that is reachable over tcp, in place of nodes that join.
 
-It lets allowed keys in, reports who was turned away, passes frames and requests on, and gives each joined
-node endpoints in the run directory, so that local readers and tools use it as any other. Nodes of the graph
-have nothing to do with tcp; if the gateway dies, they do not notice.
+It lets allowed keys in, reports who was refused, and passes frames and requests on. Nodes of the graph have
+nothing to do with tcp; if the gateway dies, they do not notice.
 
 Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's channel>``.
 """
@@ -10,7 +9,6 @@ Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's
 import contextlib
 import functools
 import logging
-import os
 import resource
 import signal
 import socket
@@ -21,20 +19,19 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import PalpError, SchemaMismatch, in_words
-from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, decode_any, encode
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.curve import CurveListener, Received, in_flight_bytes
-from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.joining import objections
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.relay import NodeProxy, Peer, Relay
+from palp_core.graph.network.relay import Peer, Relay, is_power_of_two
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.supervision.fork_child import die_with_parent
-from palp_core.graph.transport.request_server import NodeRequest
+from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, RequestServer
 
 MEMORY_BYTES = 1 << 30
 DRAIN_TIMEOUT_NS = 500_000_000  # for a host that does not hang up
@@ -55,8 +52,6 @@ class RejectedPeer(msgspec.Struct, kw_only=True):
     key: str
     reason: str
     count: int = 0
-    first_unix_ns: int = 0
-    last_unix_ns: int = 0
 
     def __str__(self) -> str:
         key = f" with the public key {self.key}" if self.key else ""
@@ -68,7 +63,6 @@ class RejectedPeers:
     """Counts strangers in bounded memory: the latest kinds of them, the latest last."""
 
     def __init__(self) -> None:
-        self.total_count = 0
         self.kinds: dict[tuple[str, str, str], RejectedPeer] = {}
         self._lines_left, self._refilled_ns = BURST, 0
 
@@ -77,48 +71,38 @@ class RejectedPeers:
 
         That is the 1st, 2nd, 4th, 8th ... of a kind, no more than ten at once and one a second on average.
         """
-        self.total_count += 1
         kind = (address, key, reason)
-        entry = self.kinds.pop(kind, None) or RejectedPeer(
-            address=address, key=key, reason=reason, first_unix_ns=now_ns
-        )
+        entry = self.kinds.pop(kind, None) or RejectedPeer(address=address, key=key, reason=reason)
         if len(self.kinds) >= MOST_KINDS:
             del self.kinds[next(iter(self.kinds))]
         self.kinds[kind] = entry
-        entry.count, entry.last_unix_ns = entry.count + 1, now_ns
+        entry.count += 1
         if periods := max(now_ns - self._refilled_ns, 0) // PERIOD_NS:
             self._lines_left, self._refilled_ns = min(self._lines_left + periods, BURST), now_ns
-        if entry.count & (entry.count - 1) or not self._lines_left:
+        if not (is_power_of_two(entry.count) and self._lines_left):
             return None
         self._lines_left -= 1
         return entry
 
 
-class Gateway:
+class Gateway(Relay):
     def __init__(
         self,
         channel: MessageChannel[join_protocol.ToGateway],
         listen_on: join_protocol.ListenOn,
         keys: KeyFolder,
     ) -> None:
+        super().__init__(listen_on.run_dir)
         self._channel, self._keys, self._secured = channel, keys, listen_on.secured
         self._view, self._start_ns = listen_on.view, listen_on.start_ns
         self._epochs = dict(listen_on.epochs)
         self._ended = False
         self._rejected = RejectedPeers()
         self._next_beat_ns = 0
-        self._event_loop = EventLoop()
-        self._relay = Relay(
-            self._event_loop,
-            listen_on.run_dir,
-            is_local=self._is_local,
-            type_hash_of=self._type_hash_of,
-            objection=_objection,
-        )
         for name in self._view.expected:
-            self._relay.add_proxy(name, None)
+            self.add_proxy(name, None)
         self._listener = CurveListener(
-            self._event_loop,
+            self.event_loop,
             listen_on.endpoint,
             keys.own() if listen_on.secured else None,
             admits=lambda key: bool(keys.name_of(key)),
@@ -126,12 +110,13 @@ class Gateway:
             refused=self._refuse,
             disconnected=self._beat,
         )
-        self._tools = NodeProxy(
-            self._event_loop, endpoints(listen_on.run_dir, "gateway"), lambda *_: None, self._on_tool
-        )
-        self._event_loop.watch(channel.socket.fileno(), self._on_channel)
+        tools = RequestServer(self.event_loop.context, endpoints(listen_on.run_dir, "gateway")[1])
+        answers = {"refusals": self._list_refusals, "guests": self._list_guests}
+        tools.add("gateway", {name: NodeOperation(NodeRequest, answer) for name, answer in answers.items()})
+        self.event_loop.watch(tools.socket, tools.poll)
+        self.event_loop.watch(channel.socket.fileno(), self._on_channel)
         self.endpoint = self._listener.endpoint
-        self._send(join_protocol.Listening(endpoint=self.endpoint))
+        self._report("listening", "", self.endpoint)
         _LOG.info("listening on %s%s", self.endpoint, "" if self._secured else " without keys")
 
     def run(self) -> None:
@@ -140,13 +125,13 @@ class Gateway:
             self.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
         until_ns = monotonic_ns() + DRAIN_TIMEOUT_NS
         # Others hang up first: closing a connection with unread messages in it loses our last ones.
-        while self._relay.peers and (left_ns := until_ns - monotonic_ns()) > 0:
-            self._event_loop.turn(left_ns / 1e9)
+        while self.peers and (left_ns := until_ns - monotonic_ns()) > 0:
+            self.event_loop.turn(left_ns / 1e9)
             self._remove_dead_peers()
-        self._event_loop.close(linger_ms=500)
+        self.event_loop.close(linger_ms=500)
 
     def turn(self, timeout_s: float) -> None:
-        self._event_loop.turn(timeout_s)
+        self.event_loop.turn(timeout_s)
         if monotonic_ns() >= self._next_beat_ns:
             self._beat()
             self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
@@ -154,9 +139,9 @@ class Gateway:
 
     def _beat(self) -> None:
         """Send a sign of life to all, which shows who is gone; a key that was denied since is cut off."""
-        self._relay.tick(monotonic_ns())
+        self.look_for_publishers()
         allowed = set(self._keys.allowed().values()) if self._secured else set()
-        for peer in self._relay.peers.values():
+        for peer in self.peers.values():
             if self._secured and peer.key not in allowed:
                 peer.send(join_protocol.JoinRefused(text="this host's key is no longer allowed"))
                 self._refuse(peer.address, peer.key, "its key was denied while it was connected")
@@ -165,14 +150,14 @@ class Gateway:
                 peer.send(join_protocol.Beat())
 
     def _remove_dead_peers(self) -> None:
-        for peer in list(self._relay.peers.values()):
+        for peer in list(self.peers.values()):
             if peer.gone:
                 self._drop_peer(peer, "its connection has ended", -1)
             elif peer.silent:
-                self._drop_peer(peer, "it has not been heard for 3 s", -1)
+                self._drop_peer(peer, "nothing came from it for 3 s", -1)
 
     def _drop_peer(self, peer: Peer, text: str, exit_code: int) -> None:
-        self._relay.forget(peer)
+        self.forget(peer)
         if peer.request is not None:
             name = peer.request.name
             level = logging.INFO if exit_code == 0 else logging.WARNING
@@ -187,17 +172,18 @@ class Gateway:
             with self._ending_with_launcher():
                 self._channel.send(message)
 
-    def _report(self, kind: str, node: str, text: str, **data: Any) -> None:
-        self._send(join_protocol.GatewayEvent(kind=kind, node=node, text=text, data=data))
+    def _report(
+        self, kind: str, node: str, text: str, request: join_protocol.JoinRequest | None = None, **data: Any
+    ) -> None:
+        event = join_protocol.GatewayEvent(kind=kind, node=node, text=text, data=data, request=request)
+        self._send(event)
 
     def _on_channel(self) -> None:
         with self._ending_with_launcher():
-            self._channel.fill()
-            while self._channel.buffered():
-                message = self._channel.receive()
+            for message in self._channel.receive_all():
                 if isinstance(message, join_protocol.Active):
                     self._start_ns = message.start_ns
-                    for peer in self._relay.peers.values():
+                    for peer in self.peers.values():
                         if peer.request is not None:
                             peer.send(message)
                 elif isinstance(message, join_protocol.JoinRefused):
@@ -212,14 +198,14 @@ class Gateway:
 
     def _end(self, ending: join_protocol.JoinRefused) -> None:
         self._ended = True
-        self._event_loop.forget(self._channel.socket.fileno())
-        for peer in self._relay.peers.values():
+        self.event_loop.forget(self._channel.socket.fileno())
+        for peer in self.peers.values():
             peer.send(ending)
 
     def _refuse(self, address: str, key: str, reason: str) -> None:
         if key:
             reason = f"{reason}. If it is one of yours: palp keys allow '{key}' --name NAME"
-        entry = self._rejected.add(address, key, reason, unix_ns())
+        entry = self._rejected.add(address, key, reason, monotonic_ns())
         if entry is not None:
             _LOG.warning("%s", entry)
             self._report("refused", "", str(entry), address=address, key=key, count=entry.count)
@@ -228,17 +214,27 @@ class Gateway:
 
     @property
     def joined(self) -> list[tuple[join_protocol.JoinRequest, Peer]]:
-        return [(peer.request, peer) for peer in self._relay.peers.values() if peer.request is not None]
+        return [(peer.request, peer) for peer in self.peers.values() if peer.request is not None]
 
     def _names(self) -> set[str]:
         return {*self._view.nodes, *(request.name for request, _ in self.joined)}
 
-    def _is_local(self, node: str) -> bool:
-        return node == LAUNCHER or node in self._names() or self._relay.has_proxy(node)
+    def is_local(self, node: str) -> bool:
+        return node == LAUNCHER or node in self._names() or self.has_proxy(node)
 
-    def _type_hash_of(self, topic: str) -> int | None:
+    def type_hash_of(self, topic: str) -> int | None:
         known = self._view.topics.get(topic)
         return int(known.type_hash, 16) if known is not None else None
+
+    def objection(self, request: join_protocol.Request) -> str:
+        """What concerns the launcher is asked on its own host, but for looking."""
+        try:
+            asked = decode_any(NodeRequest, request.body)
+        except SchemaMismatch as error:
+            return str(error)
+        if request.node != LAUNCHER or asked.op in _LOOKING:
+            return ""
+        return "a graph is commanded on its own host; another may only look"
 
     def _whole(self) -> join_protocol.GraphView:
         nodes, topics = list(self._view.nodes), dict(self._view.topics)
@@ -249,15 +245,15 @@ class Gateway:
 
     def _announce(self) -> None:
         update = join_protocol.GraphUpdate(view=self._whole())
-        for peer in self._relay.peers.values():
+        for peer in self.peers.values():
             peer.send(update)
 
     def _on_received(self, message: Received) -> None:
-        peer = self._relay.peers.get(message.connection) or self._new_peer(message)
+        peer = self.peers.get(message.connection) or self._new_peer(message)
         if peer is None:
             return
         try:
-            other = self._relay.receive(peer, message.parts)
+            other = self.relay(peer, message.message)
             if other is not None:
                 self._on_message(peer, other)
         except Exception as error:  # noqa: BLE001 - whatever another host sends must harm nothing
@@ -267,16 +263,16 @@ class Gateway:
 
     def _new_peer(self, message: Received) -> Peer | None:
         if self._secured and not self._keys.name_of(message.key):
-            return None  # it was denied while it was connected, and was told so
-        if len(self._relay.peers) >= MOST_PEERS:
+            return None  # it was denied while it was connected, and knows it
+        if len(self.peers) >= MOST_PEERS:
             self._refuse(message.address, message.key, f"{MOST_PEERS} hosts are connected already")
             return None
         send = functools.partial(self._listener.send, message.connection, in_flight_bytes())
-        peer = Peer(send, message.key, message.address)
-        if not join_protocol.is_hello(message.parts):  # it was dropped, and cannot know it
+        peer = Peer(message.connection, send, message.key, message.address)
+        if not join_protocol.is_hello(message.message):  # it was dropped, and cannot know it
             peer.send(join_protocol.JoinRefused(text=NOT_CONNECTED))
             return None
-        self._relay.peers[message.connection] = peer
+        self.peers[message.connection] = peer
         return peer
 
     def _on_message(self, peer: Peer, message: join_protocol.JoinMessage) -> None:
@@ -307,7 +303,7 @@ class Gateway:
             raise SchemaMismatch("it asked to join twice")
         name = request.name
         found = objections(request, self._whole(), self._names())
-        if self._relay.full and not self._relay.has_proxy(name):
+        if self.full and not self.has_proxy(name):
             found.append("too many names have joined this graph; take one of those that have left")
         if found:
             _LOG.warning("/%s on %s may not join: %s", name, request.host, "; ".join(found))
@@ -316,11 +312,12 @@ class Gateway:
         peer.request = request
         epoch = self._epochs[name] = self._epochs.get(name, 0) + 1
         peer.send(join_protocol.Joined(epoch=epoch))
-        self._relay.add_proxy(name, peer)
+        self.add_proxy(name, peer)
         if self._start_ns is not None:
             peer.send(join_protocol.Active(start_ns=self._start_ns))
         _LOG.info("/%s has joined from %s (%s)", name, request.host, peer.address)
-        self._send(join_protocol.NodeJoined(request=request, address=peer.address, epoch=epoch))
+        where = {"run": request.run, "host": request.host, "address": peer.address, "epoch": epoch}
+        self._report("joined", name, f"/{name} has joined from {request.host}", request, **where)
         self._announce()
 
     def _on_health(self, peer: Peer, health: bytes) -> None:
@@ -332,57 +329,25 @@ class Gateway:
         if not report.counted_ns:  # a client in another language that leaves it out: as it arrives, then
             report = msgspec.structs.replace(report, counted_ns=monotonic_ns())
         if peer.health_is_due(monotonic_ns()):
-            self._send(join_protocol.NodeReported(name=peer.request.name, health=encode(report)))
+            self._send(join_protocol.HealthReport(node=peer.request.name, health=encode(report)))
 
     # Tools of this host
 
-    def _on_tool(self, way_back: list[bytes], body: bytes) -> None:
-        try:
-            reply = self._answer(decode_any(NodeRequest, body).op)
-        except SchemaMismatch as error:
-            reply = {"error": str(error)}
-        self._tools.answer(way_back, msgspec.msgpack.encode(reply))
+    def _list_refusals(self, _: NodeRequest) -> dict[str, Any]:
+        return {"refusals": msgspec.to_builtins(list(reversed(self._rejected.kinds.values())))}
 
-    def _answer(self, operation: str) -> dict[str, object]:
-        if operation == "refusals":
-            latest = [msgspec.to_builtins(entry) for entry in reversed(self._rejected.kinds.values())]
-            return {"count": self._rejected.total_count, "refusals": latest}
-        if operation == "guests":
-            return {
-                "guests": [
-                    {
-                        "name": request.name,
-                        "run": request.run,
-                        "host": request.host,
-                        "pid": request.pid,
-                        "address": peer.address,
-                        "key": self._keys.name_of(peer.key),
-                        "dropped": peer.dropped_count,
-                        "rejected": peer.rejected_count,
-                    }
-                    for request, peer in self.joined
-                ]
+    def _list_guests(self, _: NodeRequest) -> dict[str, Any]:
+        guests = [
+            {
+                "name": request.name,
+                "address": peer.address,
+                "key": self._keys.name_of(peer.key),
+                "dropped": peer.dropped_count,
+                "rejected": peer.rejected_count,
             }
-        if operation == "info":
-            return {
-                "name": "gateway",
-                "pid": os.getpid(),
-                "secured": self._secured,
-                "listen": self.endpoint,
-                "guests": len(self.joined),
-            }
-        return {"error": "unknown operation; operations: guests, info, refusals"}
-
-
-def _objection(request: join_protocol.Request) -> str:
-    """What concerns the launcher is asked on its own host, but for looking."""
-    try:
-        asked = decode_any(NodeRequest, request.body)
-    except SchemaMismatch as error:
-        return str(error)
-    if request.node != LAUNCHER or asked.op in _LOOKING:
-        return ""
-    return "a graph is commanded on its own host; another may only look"
+            for request, peer in self.joined
+        ]
+        return {"guests": guests}
 
 
 def main(connection: socket.socket) -> int:

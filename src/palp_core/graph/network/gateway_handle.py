@@ -69,7 +69,7 @@ class GatewayHandle:
     ) -> None:
         if not address:
             names = ", ".join(spec.name for spec in checked.expected)
-            raise GraphError(f"{names} joins from another host; say where it can: --listen tcp://HOST:PORT")
+            raise GraphError(f"{names} joins from another host; add --listen tcp://HOST:PORT")
         if checked.clock != "wall":
             raise GraphError(
                 f"graph '{checked.graph}' runs in simulated time; only one with clock: wall can be joined"
@@ -106,14 +106,14 @@ class GatewayHandle:
             (answer,) = sidecar.receive()
             if isinstance(answer, join_protocol.JoinRefused):
                 raise GraphError(answer.text)
-            assert isinstance(answer, join_protocol.Listening)
+            assert isinstance(answer, join_protocol.GatewayEvent)
         except GraphError:
             sidecar.close()
             raise
         except ChannelClosed as error:
             sidecar.close()
             raise GraphError(f"the gateway ended while it started (log: {log})") from error
-        return sidecar, answer.endpoint
+        return sidecar, answer.text
 
     def follow(self, supervisor: Supervisor) -> None:
         """Receive what the gateway sends within the supervisor's loop."""
@@ -182,21 +182,18 @@ class GatewayHandle:
             self._restart(self._sidecar.close())
 
     def _on_message(self, message: join_protocol.FromGateway) -> None:
-        if isinstance(message, join_protocol.NodeJoined):
-            request = message.request
-            self._joined[request.name] = request
-            self._epochs[request.name] = message.epoch
-            self._liveness.expect(request.name, monotonic_ns())
-            text = f"/{request.name} has joined from {request.host}"
-            where = {"run": request.run, "host": request.host, "address": message.address}
-            self._report("joined", request.name, text, **where, epoch=message.epoch)
-            self._changed()
-        elif isinstance(message, join_protocol.NodeReported):
-            if self._liveness.record(message.name, decode(NodeHealth, message.health), monotonic_ns()):
-                self._report("responsive", message.name, f"/{message.name}: answers again")
+        if isinstance(message, join_protocol.HealthReport):
+            if self._liveness.record(message.node, decode(NodeHealth, message.health), monotonic_ns()):
+                self._report("responsive", message.node, f"/{message.node}: answers again")
         elif isinstance(message, join_protocol.GatewayEvent):
+            if message.request is not None:
+                self._joined[message.node] = message.request
+                self._epochs[message.node] = int(message.data["epoch"])
+                self._liveness.expect(message.node, monotonic_ns())
             self._report(message.kind, message.node, message.text, **message.data)
-            if message.kind == "left":
+            if message.request is not None:
+                self._changed()
+            elif message.kind == "left":
                 self._forget_node(message.node, int(message.data["exit_code"]))
 
     def _forget_node(self, name: str, exit_code: int) -> None:

@@ -1,10 +1,10 @@
 """What hosts of a graph send each other over tcp: plain msgpack maps with a key ``op``.
 
-A message that begins with ``/`` is a frame of a topic, as it is on the wire, in one part or two. Everything
-else is one map. The joined host sends first: ``hello``, some ``clock`` exchanges, then ``join``. A gateway
-answers ``refused`` to a connection that did not begin with ``hello``, or that it has dropped, and to what a
-host that has not joined yet sends by mistake. A launcher and its gateway use the same messages on their
-private channel, and those below :class:`LocalMessage`.
+A message that begins with ``/`` is a frame of a topic. Everything else is one map. The joined host sends
+first: ``hello``, some ``clock`` exchanges, then ``join``. A gateway answers ``refused`` to a connection that
+did not begin with ``hello``, or that it has dropped, and to what a host that has not joined yet sends by
+mistake. Within a host, a launcher and its gateway, and ``palp run`` and its bridge, use the same messages
+and those below :class:`LocalMessage`.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelMessage
 
-PROTOCOL = 5
+PROTOCOL = 6
 """Grows when a message here does: hosts with other versions of palp refuse each other by it."""
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
@@ -117,11 +117,10 @@ class Active(JoinMessage, frozen=True, kw_only=True):
 
 
 class Subscribe(JoinMessage, frozen=True, kw_only=True):
-    topic: str
+    """Send frames of a topic from now on; or, if not ``wanted``, no longer."""
 
-
-class Unsubscribe(JoinMessage, frozen=True, kw_only=True):
     topic: str
+    wanted: bool = True
 
 
 class Request(JoinMessage, frozen=True, kw_only=True):
@@ -142,9 +141,10 @@ class Beat(JoinMessage, frozen=True, kw_only=True):
 
 
 class HealthReport(JoinMessage, frozen=True, kw_only=True, tag="health"):
-    """How the joined node does: an encoded :class:`NodeHealth`."""
+    """How the joined node does: an encoded :class:`NodeHealth`; ``node`` is for the launcher."""
 
     health: bytes
+    node: str = ""
 
 
 class LeaveGraph(JoinMessage, frozen=True, kw_only=True, tag="leave"):
@@ -155,7 +155,7 @@ class LeaveGraph(JoinMessage, frozen=True, kw_only=True, tag="leave"):
 
 
 _Any = (
-    JoinHello | GraphUpdate | ClockSample | Join | Joined | JoinRefused | Active | Subscribe | Unsubscribe
+    JoinHello | GraphUpdate | ClockSample | Join | Joined | JoinRefused | Active | Subscribe
     | Request | Reply | Beat | HealthReport | LeaveGraph
 )  # fmt: skip
 _DECODER: msgspec.msgpack.Decoder[_Any] = msgspec.msgpack.Decoder(_Any)
@@ -164,7 +164,7 @@ _DECODER: msgspec.msgpack.Decoder[_Any] = msgspec.msgpack.Decoder(_Any)
 class LocalMessage(
     ChannelMessage, frozen=True, kw_only=True, array_like=False, tag_field="op", tag=str.lower
 ):
-    """Base of what only a launcher and its gateway exchange."""
+    """Base of what stays within a host."""
 
 
 class ListenOn(LocalMessage, frozen=True, kw_only=True):
@@ -178,54 +178,42 @@ class ListenOn(LocalMessage, frozen=True, kw_only=True):
     start_ns: int | None = None
 
 
-class Listening(LocalMessage, frozen=True, kw_only=True):
-    """The gateway can be called there."""
-
-    endpoint: str
-
-
-class NodeJoined(LocalMessage, frozen=True, kw_only=True):
-    """A node of another host has joined."""
-
-    request: JoinRequest
-    address: str
-    epoch: int
-
-
-class NodeReported(LocalMessage, frozen=True, kw_only=True):
-    """How a joined node does, as it reports it: an encoded :class:`NodeHealth`."""
-
-    name: str
-    health: bytes
-
-
 class GatewayEvent(LocalMessage, frozen=True, kw_only=True):
-    """What the launcher publishes as it is: a node has left, a stranger was refused."""
+    """What the launcher publishes as it is: a node has joined or left, a stranger was refused.
+
+    The first of all is not published: ``listening``, with the endpoint as its text.
+    """
 
     kind: str
     node: str
     text: str
-    data: dict[str, int | str]
+    data: dict[str, int | str] = {}
+    request: JoinRequest | None = None  # of a node that has joined
+
+
+class GraphReached(LocalMessage, frozen=True, kw_only=True):
+    """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
+
+    view: GraphView
+    uncertainty_ns: int
 
 
 ToGateway = ListenOn | Active | JoinRefused
-FromGateway = Listening | JoinRefused | NodeJoined | NodeReported | GatewayEvent
+FromGateway = GatewayEvent | HealthReport | JoinRefused
+ToBridge = Join | HealthReport | LeaveGraph
+FromBridge = GraphReached | Joined | Active | JoinRefused
 
 
-def decode_message(parts: list[bytes]) -> JoinMessage:
-    if len(parts) != 1 or len(parts[0]) > LARGEST_MESSAGE_BYTES:
-        raise SchemaMismatch(f"a message of {len(parts)} parts, or too long")
+def decode_message(raw: bytes) -> JoinMessage:
+    if len(raw) > LARGEST_MESSAGE_BYTES:
+        raise SchemaMismatch(f"a message of {len(raw)} bytes; {LARGEST_MESSAGE_BYTES} are allowed")
     try:
-        return _DECODER.decode(parts[0])
+        return _DECODER.decode(raw)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise SchemaMismatch(f"not a message of this protocol: {error}") from error
 
 
-def is_hello(parts: list[bytes]) -> bool:
+def is_hello(raw: bytes) -> bool:
     with contextlib.suppress(SchemaMismatch):
-        return isinstance(decode_message(parts), JoinHello)
+        return isinstance(decode_message(raw), JoinHello)
     return False
-
-
-def is_frame(parts: list[bytes]) -> bool:
-    return parts[0][:1] == b"/" and len(parts) <= 2

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import msgspec
 import zmq
-from zmq.auth import load_certificate
 
 from palp_core.errors import SecurityError
 from palp_core.user_folders import keys_folder
@@ -28,7 +27,7 @@ from palp_core.whole_file import check_regular, locked_path, write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
-_NAME_LINE = re.compile(r'^\s*name\s*=\s*"([^"]+)"\s*$', re.MULTILINE)
+_FIELD = re.compile(r"""^\s*([\w-]+)\s*=\s*["']([^"'\n]*)["']\s*$""", re.MULTILINE)
 _LARGEST_BYTES = 4096
 
 
@@ -48,7 +47,7 @@ def is_key(text: str) -> bool:
 
 
 class KeyFolder:
-    """The folder of keys of a user on a host; by default where the environment says."""
+    """The folder of keys of a user on a host; by default from the environment."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or keys_folder()
@@ -66,7 +65,8 @@ class KeyFolder:
         (file,) = secrets
         for place in (self.path, file):
             _refuse_if_exposed(place)
-        public, secret = _load(file)
+        fields = _fields(_text(file))
+        public, secret = fields.get("public-key", ""), fields.get("secret-key", "")
         if not (is_key(public) and is_key(secret)) or zmq.curve_public(secret.encode()).decode() != public:
             raise SecurityError(f"{file} does not hold a key pair; make another: palp keys generate --force")
         return OwnKeys(file.stem, public, secret)
@@ -120,7 +120,7 @@ class KeyFolder:
         key, named = self._read_public(what)
         name = name or named
         if not name:
-            raise SecurityError("say whose key this is: palp keys allow KEY --name NAME")
+            raise SecurityError("the key needs a name: palp keys allow KEY --name NAME")
         _check_name(name)
         folder = self.path / "allowed"
         self._make_folder(self.path)
@@ -143,7 +143,7 @@ class KeyFolder:
         if not name and (is_key(what) or Path(what).is_file()):
             name = self.name_of(self._read_public(what)[0])
         if not name:
-            known = ", ".join(allowed) or "nobody"
+            known = ", ".join(allowed) or "no host"
             raise SecurityError(f"'{what}' is not allowed anyway; allowed: {known}")
         (self.path / "allowed" / f"{name}.public").unlink(missing_ok=True)
         return name, allowed[name]
@@ -159,11 +159,11 @@ class KeyFolder:
             if file.suffix == ".secret":
                 raise SecurityError(f"{file} is a secret; keep it here and hand over the .public file")
             text = _text(file)
-            key = _load(file)[0] or text.strip()
+            fields = _fields(text)
+            key = fields.get("public-key", text.strip())
             if not is_key(key):
                 raise SecurityError(f"{file} holds no public key; it is made by: palp keys generate")
-            named = _NAME_LINE.search(text)
-            return key, (named and named[1]) or file.stem
+            return key, fields.get("name") or file.stem
         if is_key(what):
             return what, ""
         known = ", ".join(self.allowed())
@@ -225,22 +225,12 @@ def _text(file: Path) -> str:
         raise SecurityError(f"{file} cannot be read: {error.strerror}") from error
 
 
-def _load(file: Path) -> tuple[str, str]:
-    """Return the public and the secret key of a certificate, "" where there is none."""
-    try:
-        check_regular(file)
-        if file.stat().st_size > _LARGEST_BYTES:
-            return "", ""
-        public, secret = load_certificate(file)
-    except OSError as error:
-        raise SecurityError(f"{file} cannot be read: {error.strerror}") from error
-    except (ValueError, IndexError):  # no key in it, or a line that names one and holds none
-        return "", ""
-    return public.decode(errors="replace"), (secret or b"").decode(errors="replace")
+def _fields(certificate: str) -> dict[str, str]:
+    return dict(_FIELD.findall(certificate))
 
 
 def _public(file: Path) -> str:
     with contextlib.suppress(SecurityError):
-        key = _load(file)[0]
+        key = _fields(_text(file)).get("public-key", "")
         return key if is_key(key) else ""
     return ""

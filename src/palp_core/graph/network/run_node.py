@@ -17,7 +17,7 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.address import Address
-from palp_core.graph.network.bridge import GraphReached, JoinedGraph
+from palp_core.graph.network.bridge import JoinedGraph
 from palp_core.graph.network.joining import join_request, outputs_of, standalone_spec, wired_spec
 from palp_core.graph.node.spec import NodeSpec, name_mistake
 from palp_core.graph.supervision.fork_server import ForkServer
@@ -26,7 +26,7 @@ from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record_of_node
 from palp_core.graph.supervision.supervisor import Listeners, Supervisor
 
-Say = Callable[[str], None]
+Note = Callable[[str], None]
 
 
 def run_node(
@@ -36,7 +36,7 @@ def run_node(
     params: Mapping[str, Any],
     wires: Mapping[str, str],
     address: Address | None,
-    say: Say,
+    note: Note,
 ) -> int:
     """Run one node until it or its graph ends, and return the exit status."""
     workspace = find_workspace(Path.cwd() / "launch.yaml")
@@ -52,7 +52,7 @@ def run_node(
             if remote is not None:
                 stack.callback(remote.close)
             described = _describe(server, name, run, params, workspace)
-            spec = _placed(name, run, params, wires, described, remote, say)
+            spec = _placed(name, run, params, wires, described, remote, note)
         except BaseException:  # nothing has run: there are no logs to keep
             stack.close()
             folder.remove()
@@ -83,7 +83,7 @@ def run_node(
             announce()
             code = supervisor.run_wall()
         else:
-            code = _supervise_joined(supervisor, remote, say)
+            code = _supervise_joined(supervisor, remote, note)
     if code == 0:
         folder.remove()
     return code
@@ -110,15 +110,15 @@ def _placed(
     wires: Mapping[str, str],
     described: NodeClass,
     remote: JoinedGraph | None,
-    say: Say,
+    note: Note,
 ) -> NodeSpec:
     """Return the node with its place in a graph; ask that graph for it."""
     if remote is None:
         if wires:
             raise GraphError("-r wires a node into a running graph; add --join tcp://HOST:PORT")
-        say(f"/{name} runs alone; its inputs take messages from: palp topic pub")
+        note(f"/{name} runs alone; its inputs take messages from: palp topic pub")
         return standalone_spec(name, run, params, described)
-    reached = remote.wait_for(GraphReached)
+    reached = remote.wait_for(join_protocol.GraphReached)
     view = reached.view
     if view.clock != "wall":
         raise GraphError(
@@ -127,7 +127,7 @@ def _placed(
     spec, feeds = wired_spec(name, run, params, wires, described, view)
     remote.send(join_protocol.Join(request=join_request(spec, feeds, described)))
     epoch = remote.wait_for(join_protocol.Joined).epoch
-    say(
+    note(
         f"/{name} has joined graph '{view.graph}'; its clock is known to "
         f"{reached.uncertainty_ns / 1e6:.3f} ms"
     )
@@ -146,8 +146,8 @@ def _run_and_name(run: str, name: str | None) -> tuple[str, str]:
     return run, name
 
 
-def _supervise_joined(supervisor: Supervisor, remote: JoinedGraph, say: Say) -> int:
-    """Run a node as part of the graph it has joined; return its exit status, and leave what to say there."""
+def _supervise_joined(supervisor: Supervisor, remote: JoinedGraph, note: Note) -> int:
+    """Run a node as part of the graph it has joined; return its exit status."""
 
     def receive() -> None:
         remote.receive()
@@ -169,5 +169,5 @@ def _supervise_joined(supervisor: Supervisor, remote: JoinedGraph, say: Say) -> 
     text = "its work is done" if code == 0 else f"it ended with status {code}"
     remote.goodbye = join_protocol.LeaveGraph(text=text, exit_code=code)
     if remote.lost is not None:
-        say(f"{remote.lost.text}; /{supervisor.processes[0].spec.name} goes to its safe state and ends")
+        note(f"{remote.lost.text}; /{supervisor.processes[0].spec.name} goes to its safe state and ends")
     return code

@@ -75,6 +75,14 @@ class MessageChannel(Generic[Received]):
             raise ChannelClosed("end of stream")
         self._buffer += data
 
+    def receive_all(self) -> list[Received]:
+        """Read once from the socket; return the messages that are whole."""
+        self.fill()
+        found = []
+        while self.buffered():
+            found.append(self.receive())
+        return found
+
     def receive(self) -> Received:
         while not self.buffered():
             self.fill()

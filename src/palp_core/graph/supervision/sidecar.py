@@ -50,18 +50,12 @@ class Sidecar(Generic[Received]):
         self._channel.send(message)
 
     def receive(self) -> list[Received]:
-        """Return what it has sent; wait for something."""
-        if not self._channel.buffered():
-            self._channel.fill()
-        found = []
-        while self._channel.buffered():
-            found.append(self._channel.receive())
-        return found
+        """Return the messages that it has sent; wait if there is none."""
+        return self._channel.receive_all()
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until it has sent something or is gone; return False on time-out."""
-        ready = select.select((self._channel.socket,), (), (), max(timeout_s, 0.0))[0]
-        return bool(ready) or self._channel.buffered()
+        return bool(select.select((self._channel.socket,), (), (), max(timeout_s, 0.0))[0])
 
     def close(self) -> int:
         """End it; return its exit status."""
