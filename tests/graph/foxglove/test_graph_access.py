@@ -14,6 +14,8 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.foxglove.graph_access import MOST_BYTES, GraphAccess, from_json, schema_text, to_json
+from palp_core.graph.foxglove.server import ThinnedTopic
+from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import decode_any, encode_any
 
 
@@ -81,6 +83,20 @@ def test_what_one_node_refuses_is_set_of_the_others() -> None:
     assert answering.set == [{"stage": {"lift_mm": 6.0, "rate_hz": 1.0}}]
 
 
+@pytest.mark.parametrize(("fastest_hz", "shown"), [(5.0, [1, 100]), (0.0, list(range(1, 101)))])
+def test_a_fast_topic_is_thinned_and_its_latest_message_is_shown_when_it_is_due(
+    fastest_hz: float, shown: list[int]
+) -> None:
+    topic = ThinnedTopic(fastest_hz)
+    for sequence in range(1, 101):
+        topic.take(pack(b"/a/b", Kind.DATA, 0, sequence, 0, 0), sequence * 1_000_000)
+        topic.take(pack(b"/a/b", Kind.HEARTBEAT, 0, sequence, 0, 0), sequence * 1_000_000)
+    found = topic.due(150_000_000) + topic.due(201_000_000)
+    assert [frame.sequence for frame in found] == shown
+    topic.take(pack(b"/a/b", Kind.DATA, 0, 50, 0, 0), 900_000_000)  # of a publisher that has moved on
+    assert topic.due(1_100_000_000) == []
+
+
 GOLDEN = Path(__file__).parents[2] / "golden" / "sweep.mcap"
 SCHEMA: dict[str, Any] = {
     "title": "Everything",
@@ -119,7 +135,7 @@ def test_what_json_cannot_say_is_null() -> None:
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", b"\x01", encode_any({"index": "x"})])
 def test_a_payload_that_is_no_such_message_is_refused(payload: bytes) -> None:
-    with pytest.raises(SchemaMismatch, match="not what its schema says"):
+    with pytest.raises(SchemaMismatch, match="does not fit its schema"):
         to_json(SCHEMA)(payload)
 
 

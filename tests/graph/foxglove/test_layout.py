@@ -86,17 +86,3 @@ def tiles(at: Any) -> Iterator[str]:
 def test_it_has_the_parts_of_a_layout_and_each_panel_one_place() -> None:
     assert LAYOUT.keys() == {"configById", "globalVariables", "layout", "playbackConfig", "userNodes"}
     assert sorted(tiles(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
-
-
-@pytest.mark.parametrize(
-    ("config", "why"),
-    [
-        ({"paths": [{"valu": "/a.b"}]}, "Plot.paths[0].valu: Foxglove knows no such key"),
-        ({"xAxisVal": "sideways"}, "Plot.xAxisVal: 'sideways' is none of"),
-        ({"followingViewWidth": "wide"}, "Plot.followingViewWidth: 'wide' is no number"),
-        ({"showLegend": 1}, "Plot.showLegend: 1 is no bool"),
-    ],
-)
-def test_what_foxglove_would_not_know_is_found(config: dict[str, Any], why: str) -> None:
-    (found,) = misfits(config, PANELS["Plot"], "Plot")
-    assert found.startswith(why)

@@ -27,7 +27,7 @@ _END_OF_HEAD = b"\r\n\r\n"
 
 
 def hidden_address() -> str:
-    """Return an address of this host that nobody else knows: all of 127.0.0.0/8 is one's own."""
+    """Return an address of this host that no other program knows: all of 127.0.0.0/8 is one's own."""
     return str(ipaddress.IPv4Address((127 << 24) + 2 + secrets.randbelow((1 << 24) - 4)))
 
 
@@ -46,7 +46,7 @@ def is_viewer(origin: str, others: frozenset[str] = frozenset()) -> bool:
 
 
 def objection(head: str, policy: AccessPolicy) -> str:
-    """Return why a request is refused, in words; "" if it is not."""
+    """Return why a request is refused; "" if it is not."""
     request, *lines = head.split("\r\n")
     words = request.split(" ")
     headers = [(name.strip().lower(), value.strip()) for name, _, value in (x.partition(":") for x in lines)]

@@ -137,9 +137,9 @@ def schema_text(schema: dict[str, Any]) -> bytes:
 
 
 def to_json(schema: JsonSchema) -> Callable[[bytes | memoryview], bytes]:
-    """Return a function from a payload to JSON; what JSON cannot say, NaN and infinity, becomes null.
+    """Return a function from a payload to JSON; NaN and infinity, which JSON lacks, become null.
 
-    It raises SchemaMismatch if a payload is not what the schema says.
+    It raises SchemaMismatch if a payload does not fit the schema.
     """
     try:
         decode = payload_decoder(schema, "Value")
@@ -150,7 +150,7 @@ def to_json(schema: JsonSchema) -> Callable[[bytes | memoryview], bytes]:
         try:
             return msgspec.json.encode(plain(decode(payload)))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise SchemaMismatch(f"not what its schema says: {error}") from error
+            raise SchemaMismatch(f"it does not fit its schema: {error}") from error
 
     return convert
 

@@ -37,7 +37,7 @@ _TYPES: dict[str, type[GraphEvent | NodeEvent | DiagnosticStatus]] = {
 }
 
 
-def tells(type_hash: str) -> bool:
+def is_logged(type_hash: str) -> bool:
     return type_hash in _TYPES
 
 

@@ -18,7 +18,7 @@ from foxglove.websocket import Capability, ChannelView, Client, ServerListener, 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.forms import json_form
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.graph_reader import GraphReader
+from palp_core.graph.discovery.graph_reader import KIND_OFFSET, GraphReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove import log_entries
 from palp_core.graph.foxglove.gate import Gate, hidden_address
@@ -31,9 +31,8 @@ from palp_core.graph.foxglove.graph_access import (
     schema_text,
     to_json,
 )
-from palp_core.graph.foxglove.watched_topics import WatchedTopics
 from palp_core.graph.messages.builtin import NodeEvent
-from palp_core.graph.messages.frame import Frame
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
@@ -85,14 +84,51 @@ class Viewers(ServerListener):
 
 
 def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
-    """Return parameters as the SDK has them; what it has no way to say stands as JSON text."""
+    """Return parameters as the SDK has them; what it has no type for is JSON text."""
     found = []
     for name, value in values.items():
         try:
             found.append(Parameter(name, value=value))
-        except TypeError:  # a null within a mapping, say
+        except TypeError:  # as a null within a mapping
             found.append(Parameter(name, value=json.dumps(value)))
     return found
+
+
+class ThinnedTopic:
+    """The messages of a topic that are shown, so many a second of the machine's clock at most; 0: all.
+
+    Whatever is left out, the latest is shown.
+    """
+
+    def __init__(self, fastest_hz: float) -> None:
+        self._period_ns = round(1e9 / fastest_hz) if fastest_hz else 0
+        self._due_ns = 0
+        self._ready: list[bytes] = []
+        self._held: bytes | None = None
+        self._last = (-1, 0)
+
+    def take(self, raw: bytes, now_ns: int) -> None:
+        if raw[raw.find(0) + KIND_OFFSET] != Kind.DATA:
+            return
+        if now_ns < self._due_ns:
+            self._held = raw
+            return
+        self._ready.append(raw)
+        self._held, self._due_ns = None, now_ns + self._period_ns
+
+    def due(self, now_ns: int) -> list[Frame]:
+        """Return the messages that are due; of a publisher that moves none comes after its successor's."""
+        if self._held is not None and now_ns >= self._due_ns:
+            self.take(self._held, now_ns)
+        ready, self._ready = self._ready, []
+        found = []
+        for raw in ready:
+            with contextlib.suppress(SchemaMismatch):  # another version's; the readers count such frames
+                frame = parse(raw)
+                if (frame.epoch, frame.sequence) > self._last:
+                    self._last = (frame.epoch, frame.sequence)
+                    found.append(frame)
+        return found
 
 
 class _Shown(NamedTuple):
@@ -122,7 +158,8 @@ class FoxgloveServer:
         self._access = GraphAccess(graph, read_only=read_only, operate=operate)
         self._viewers = Viewers(self._access)
         self._reader = GraphReader(graph, on_change=self._describe)
-        self._watched = WatchedTopics(self._reader, fastest_hz)
+        self._fastest_hz = fastest_hz
+        self._thinned: dict[str, ThinnedTopic] = {}
         self._topics: dict[str, Topic] = {}
         self._shown: dict[str, _Shown] = {}
         self._services: dict[str, ServiceType] = {}
@@ -179,12 +216,24 @@ class FoxgloveServer:
                 self._server.publish_status(wanted, foxglove.StatusLevel.Error)
             else:
                 self._on_subscription(wanted)
-        for frame in self._watched.receive(WAIT_MS):
+        self._reader.receive(WAIT_MS)
+        now_ns = monotonic_ns()
+        for frame in [frame for thinned in self._thinned.values() for frame in thinned.due(now_ns)]:
             self._clock_ns = max(self._clock_ns, frame.stamp_ns)
             self._broadcast_time()
             self._show(frame)
         self._broadcast_time()
         self._take_description()
+
+    def _read(self, topics: Iterable[Topic], fastest_hz: float) -> None:
+        for topic in topics:
+            if topic.name not in self._thinned:
+                thinned = self._thinned[topic.name] = ThinnedTopic(fastest_hz)
+                self._reader.follow([topic], thinned.take)
+
+    def _leave(self, name: str) -> None:
+        if self._thinned.pop(name, None) is not None:
+            self._reader.leave([name])
 
     def _broadcast_time(self) -> None:
         """Broadcast the graph's time before what is shown of it: viewers take it for the time of that."""
@@ -205,11 +254,11 @@ class FoxgloveServer:
         if shown is None or not (change.begins or change.topic not in self._looking):
             return
         if change.begins:
-            self._watched.watch([shown.topic])
+            self._read([shown.topic], self._fastest_hz)
             for frame in self._history(shown.topic):
                 self._send(shown, frame, change.viewer)
-        elif not log_entries.tells(shown.topic.type_hash):
-            self._watched.leave([change.topic])
+        elif not log_entries.is_logged(shown.topic.type_hash):
+            self._leave(change.topic)
 
     def _history(self, topic: Topic) -> list[Frame]:
         if not topic.latched_depth or topic.node in self._silent:
@@ -223,22 +272,22 @@ class FoxgloveServer:
         topic = self._topics.get(frame.topic)
         if topic is None:
             return
-        if log_entries.tells(topic.type_hash):
+        if log_entries.is_logged(topic.type_hash):
             self._note(frame, topic)
         shown = self._shown.get(frame.topic)
         if shown is not None and frame.topic in self._looking:
             self._send(shown, frame)
 
     def _send(self, shown: _Shown, frame: Frame, viewer: int | None = None) -> None:
-        with contextlib.suppress(SchemaMismatch):  # of another version of its type: its readers say so
+        with contextlib.suppress(SchemaMismatch):  # of another version of its type: its readers count it
             shown.channel.log(shown.to_json(frame.payload), log_time=max(frame.stamp_ns, 0), sink_id=viewer)
 
     def _note(self, frame: Frame, topic: Topic) -> None:
-        """Write what has happened into the log; parameters that have changed are told as such, too."""
+        """Write what has happened into the log; changed parameters are sent as such, too."""
         point = (frame.epoch, frame.sequence)
         entry = log_entries.entry_of(frame, topic.type_hash)
         if entry is None or point <= self._noted.get(frame.topic, (-1, 0)):
-            return  # or it came as what stands already
+            return  # or it came with the history
         self._noted[frame.topic] = point
         self._entries.append((max(frame.stamp_ns, 0), json.dumps(entry).encode()))
         stamp_ns, text = self._entries[-1]
@@ -271,15 +320,15 @@ class FoxgloveServer:
         self._topics, self._silent = now.topics, now.silent
         shown = {name: topic for name, topic in self._topics.items() if not hidden(name)}
         for name in [n for n, old in self._shown.items() if n not in shown or _differ(old.topic, shown[n])]:
-            self._watched.leave([name])
+            self._leave(name)
             self._shown.pop(name).channel.close()
         for name, topic in shown.items():
             if name in self._shown:
                 self._shown[name] = self._shown[name]._replace(topic=topic)
             else:
                 self._offer(topic)
-        log = [topic for topic in self._topics.values() if log_entries.tells(topic.type_hash)]
-        self._watched.watch(log, every=True)
+        log = [topic for topic in self._topics.values() if log_entries.is_logged(topic.type_hash)]
+        self._read(log, 0.0)
         for topic in log:
             for frame in self._history(topic):
                 self._note(frame, topic)
