@@ -17,8 +17,7 @@ import pytest
 from palp_core.cli.launch.stop_key import StopKey, stop_motion
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
-from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.safety_node import safety_node
+from palp_core.graph.discovery.running_graph import RunningGraph, safety_node
 from palp_core.graph.messages.topic import Topic
 
 

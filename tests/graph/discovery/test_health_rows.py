@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from palp_core.graph.discovery.health import EdgeRow, HealthSample, NodeRow, rows
+from palp_core.graph.discovery.health import EdgeRow, HealthSample, NodeRow, actions_as_one, rows
 from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
 
 S = 1_000_000_000
@@ -48,6 +48,27 @@ def test_of_a_node_that_has_not_counted_anew_no_rate_is_told() -> None:
 def test_another_process_of_a_node_has_no_rate_yet() -> None:
     node, edge = between(health(FIRST_NS, 5), msgspec.structs.replace(health(FIRST_NS + S, 7), pid=8))
     assert (node.rate_hz, edge.rate_hz) == (None, None)
+
+
+def row(topic: str, reader: str, received: int, latency_s: float | None, rate_hz: float | None) -> EdgeRow:
+    latencies = dict.fromkeys(("latency_p50_s", "latency_p99_s", "latency_max_s"), latency_s)
+    return EdgeRow(topic, reader, rate_hz, received, lost=1, repeated=0, late=0, dropped=0, **latencies)
+
+
+def test_what_a_node_reads_of_an_action_is_one_row_with_the_sums_and_the_worst_latency() -> None:
+    found = actions_as_one(
+        [
+            row("/arm/pose", "/carrier", 7, 0.1, 1.0),
+            row("/arm/move/_action/feedback", "/carrier", 20, 0.2, 20.0),
+            row("/arm/move/_action/status", "/carrier", 3, None, None),
+            row("/arm/move/_action/send_goal/carrier/move/_action/send_goal", "/carrier", 1, 0.5, 0.0),
+            row("/carrier/move/_action/send_goal", "/arm", 1, 0.3, 0.0),
+        ]
+    )
+    assert [(one.topic, one.reader, one.received, one.lost) for one in found] == [
+        ("/arm/pose", "/carrier", 7, 1), ("/arm/move", "/carrier", 24, 3), ("/carrier/move", "/arm", 1, 1),
+    ]  # fmt: skip
+    assert (found[1].rate_hz, found[1].latency_max_s) == (20.0, 0.5)
 
 
 def test_a_node_that_did_not_answer_has_no_rate_before_and_after_but_its_host_knows_its_cpu_time() -> None:

@@ -109,17 +109,15 @@ def end(
     Every node is brought to its safe state, and what is written at an end is written. Status 1: it has not
     ended in time, and goes on ending.
     """
-    from palp_core.graph.discovery.ending import ask_to_end
-
     if name is not None and graph not in (None, name):
         raise typer.BadParameter(f"'{name}' and --graph {graph} name two graphs; name the one that is to end")
     running = find_graph(name or graph, changes=True)
-    with ask_to_end(running, "palp graph end") as ending:
+    with running.ask_to_end("palp graph end") as wait_for_end:
         who = running.record.graph
-        ended = ending.wait(min(timeout, SILENT_S))
+        ended = wait_for_end(min(timeout, SILENT_S))
         if not ended and timeout > SILENT_S:
             note(f"graph '{who}' is ending: nodes come to their safe state, files are written, charts drawn")
-            ended = ending.wait(timeout - SILENT_S)
+            ended = wait_for_end(timeout - SILENT_S)
         if not ended:
             note(f"graph '{who}' is still ending after {timeout:g} s; see palp graph list, palp logs")
             sys.exit(1)

@@ -36,7 +36,7 @@ def call_safety(
     running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
 ) -> dict[str, Any]:
     """Call a service of the safety node, which is the one that stops and acknowledges."""
-    from palp_core.graph.discovery.safety_node import safety_node
+    from palp_core.graph.discovery.running_graph import safety_node
 
     node = safety_node(((topic.node, topic.type) for topic in running.record.topics), running.node_names)
     if node is None:
@@ -51,8 +51,7 @@ def call_safety(
 
 def stop_key(graph: Graph) -> StopKey:
     """Return the key that stops a graph's motion; it listens if the graph has a safety node."""
-    from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.discovery.safety_node import safety_node
+    from palp_core.graph.discovery.running_graph import RunningGraph, safety_node
 
     def press() -> None:
         record = graph.launcher_node.record

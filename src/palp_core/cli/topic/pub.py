@@ -49,37 +49,14 @@ def pub(
     if stdin and text is not None:
         raise GraphError("give the message either as a word or with --stdin, not both")
     running = call.graph
-    node, port, schema = _external_port(running, topic, call.timeout_s)
+    node, port, described = running.external_port(topic, timeout_s=call.timeout_s)
+    schema = described["json_schema"]
     if kind is not None and kind != schema.get("title"):
         raise GraphError(f"{topic} takes {schema.get('title')}, not {kind}")
     messages = _messages(text, schema, stdin=stdin)
     if wait_matching if wait_matching is not None else max_wait_time_secs is not None:
         _await_active(running, node, max_wait_time_secs)
     _publish(call, node, port, messages, rate_hz=rate, limit=1 if once else times, print_every=print_every)
-
-
-def _external_port(graph: RunningGraph, topic: str, timeout_s: float) -> tuple[str, str, dict[str, Any]]:
-    """Return node, port and JSON Schema of a port that takes messages from outside."""
-    from palp_core.graph.problems import hint
-
-    node, _, port = topic.removeprefix("/").partition("/")
-    if node in graph.node_names:
-        external = graph.ask(node, "info", timeout_s=timeout_s).get("external", [])
-        if port in external:
-            ports = graph.ask(node, "schemas", timeout_s=timeout_s)["ports"]
-            return node, port, ports[port]["types"][0]["json_schema"]
-    name = "/" + topic.removeprefix("/")
-    if any(name == entry.name for entry in graph.record.topics):
-        raise GraphError(
-            f"{name} is published by /{graph.topic(name).node}, and a topic has one publisher; "
-            "publish into a port that the launch file declares external: true"
-        )
-    answers = graph.ask_all("info", timeout_s=timeout_s)
-    known = [f"/{n}/{p}" for n, info in answers.replies.items() for p in info.get("external", [])]
-    raise GraphError(
-        f"no port '{name}' takes messages from outside{hint(name, known)}"
-        + ("" if known else "; declare one in the launch file with external: true")
-    )
 
 
 def _messages(text: str | None, schema: dict[str, Any], *, stdin: bool) -> Iterator[dict[str, Any]]:

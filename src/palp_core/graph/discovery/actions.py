@@ -1,4 +1,4 @@
-"""The actions of a running graph, from the word of its nodes: who serves them, who asks, how goals stand."""
+"""The actions of a running graph, as its nodes describe them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ServedAction(NamedTuple):
 
 
 def actions_of(answers: Answers) -> list[ServedAction]:
-    """Return the actions that nodes told of in their ``info``."""
+    """Return the actions of nodes by their ``info``."""
     asking: dict[str, list[str]] = {}
     for node, info in answers.replies.items():
         for source in info.get("action_clients", {}).values():
@@ -68,5 +68,5 @@ class ActionCaller:
         return self._call("cancel_goal", goal_id=goal_id)
 
     def result(self) -> dict[str, Any]:
-        """Return how the goal stands: ``status``, ``reason`` and ``result``."""
+        """Return the state of the goal: ``status``, ``reason`` and ``result``."""
         return self._call("get_result", goal_id=self.goal_id)

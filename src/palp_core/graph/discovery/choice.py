@@ -15,7 +15,7 @@ START_ONE = "start one with: palp launch FILE"
 
 
 class WhichGraph(GraphError):
-    """Graphs are running, but which of them is meant must be said."""
+    """Graphs are running, and it is not clear which of them is meant."""
 
     def __init__(self, what: str, records: Sequence[RunRecord]) -> None:
         lines = "\n".join(f"  {record}" for record in records)
@@ -23,7 +23,7 @@ class WhichGraph(GraphError):
 
 
 class ChosenGraph(NamedTuple):
-    """The graph that is meant, and those that are running beside it."""
+    """The graph that is meant, and the others that run."""
 
     record: RunRecord
     others: list[RunRecord]
@@ -63,7 +63,7 @@ def meant(records: Sequence[RunRecord], name: str | None) -> list[RunRecord]:
 
 
 def addressed(command: str, run: str) -> str:
-    """Return a command of palp about a run, with the run's id if another runs beside it; "" stays so."""
+    """Return a command of palp about a run, with the run's id if another runs; "" remains."""
     if not command or not run or all(record.id == run for record in running()):
         return command
     return f"{command} --graph {run}"

@@ -17,6 +17,8 @@ from palp_core.graph.node.spec import action_of
 HEALTH = "/graph/health"
 ASK_S = 1.0
 WAIT_MS = 100
+_COUNTS = ("received", "lost", "repeated", "late", "dropped")
+_LATENCIES = ("latency_p50_s", "latency_p99_s", "latency_max_s")
 
 
 class HealthSample(msgspec.Struct, frozen=True):
@@ -60,9 +62,9 @@ class EdgeRow(msgspec.Struct, frozen=True):
 
 
 def actions_as_one(rows: Sequence[EdgeRow]) -> list[EdgeRow]:
-    """Return rows in which all that a node hears of one action is one input, under the action's name.
+    """Return rows in which all that a node reads of one action is one input, under the action's name.
 
-    Counts are summed, latencies are the worst. What a server hears of its clients, and they of their calls,
+    Counts are summed, latencies are the worst. What a server reads of its clients, and they of their calls,
     is in it: of ``/arm/move/_action/status`` and the others comes one row ``/arm/move``.
     """
     found: dict[tuple[str, str], EdgeRow] = {}
@@ -73,14 +75,12 @@ def actions_as_one(rows: Sequence[EdgeRow]) -> list[EdgeRow]:
 
 
 def _both(one: EdgeRow, other: EdgeRow) -> EdgeRow:
-    counts = ("received", "lost", "repeated", "late", "dropped")
-    sums: dict[str, Any] = {name: getattr(one, name) + getattr(other, name) for name in counts}
-    rates = [row.rate_hz for row in (one, other) if row.rate_hz is not None]
-    sums["rate_hz"] = sum(rates) if rates else None
-    for name in ("latency_p50_s", "latency_p99_s", "latency_max_s"):
-        known = [value for row in (one, other) if (value := getattr(row, name)) is not None]
-        sums[name] = max(known, default=None)
-    return msgspec.structs.replace(one, **sums)
+    def known(name: str) -> list[float]:
+        return [value for row in (one, other) if (value := getattr(row, name)) is not None]
+
+    both = {name: sum(known(name)) for name in _COUNTS} | {n: max(known(n), default=None) for n in _LATENCIES}
+    rates = known("rate_hz")
+    return msgspec.structs.replace(one, rate_hz=sum(rates) if rates else None, **both)
 
 
 class HealthReader:
@@ -145,9 +145,7 @@ def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
     edges = []
     for topic, account in info.get("inputs", {}).items():
         latency_s = account.get("latency_s") or {}
-        counts = {
-            f"{n}_count": account.get(n, 0) for n in ("received", "lost", "repeated", "late", "dropped")
-        }
+        counts = {f"{n}_count": account.get(n, 0) for n in _COUNTS}
         latencies = {f"latency_{n}_s": latency_s.get(n, 0.0) for n in ("p50", "p90", "p99", "max")}
         edges.append(EdgeHealth(topic=topic, **counts, **latencies))
     return NodeHealth(
@@ -172,7 +170,7 @@ def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
 def rows(before: HealthSample | None, after: HealthSample) -> tuple[list[NodeRow], list[EdgeRow]]:
     """Return what happened between two snapshots, and the totals.
 
-    A rate is over the time between a node's own two counts; where it has not counted anew, it is unknown.
+    A rate is over the time between a node's own two counts; without a new count it is unknown.
     """
     sampled_s = (after.at_ns - before.at_ns) / 1e9 if before is not None else 0.0
     earlier = {node.node: node for node in before.nodes} if before is not None else {}
@@ -187,7 +185,7 @@ def rows(before: HealthSample | None, after: HealthSample) -> tuple[list[NodeRow
 
 
 def _same_process(old: NodeHealth | None, node: NodeHealth) -> NodeHealth | None:
-    """Return what a node said before, if its process is the same; of another host it has no number."""
+    """Return the report before, if the node's process is the same; of another host it has no number."""
     return old if old is not None and old.pid == node.pid and old.cpu_s <= node.cpu_s else None
 
 
@@ -224,19 +222,13 @@ def _edge_rows(old: NodeHealth | None, node: NodeHealth, span_s: float | None) -
     before = {edge.topic: edge.received_count for edge in old.edges} if old is not None else {}
     for edge in node.edges:
         known = before.get(edge.topic)
-        latency = edge.received_count > 0 and edge.latency_max_s > 0
+        has_latency = edge.received_count > 0 and edge.latency_max_s > 0
         yield EdgeRow(
             topic=edge.topic,
             reader=f"/{node.node}",
             rate_hz=(edge.received_count - known) / span_s if known is not None and span_s else None,
-            received=edge.received_count,
-            lost=edge.lost_count,
-            repeated=edge.repeated_count,
-            late=edge.late_count,
-            dropped=edge.dropped_count,
-            latency_p50_s=edge.latency_p50_s if latency else None,
-            latency_p99_s=edge.latency_p99_s if latency else None,
-            latency_max_s=edge.latency_max_s if latency else None,
+            **{name: getattr(edge, f"{name}_count") for name in _COUNTS},
+            **{name: getattr(edge, name) if has_latency else None for name in _LATENCIES},
         )
 
 

@@ -41,7 +41,7 @@ class LineReader:
     def read(self, line: str) -> LogLine:
         """Return what a line is, read after those before it.
 
-        A record goes on in indented lines. A traceback that was not logged, of a thread say, is an error, and
+        A record goes on in indented lines. A traceback that was not logged, as of a thread, is an error, and
         ends with the first line that is not indented.
         """
         found = _LINE.fullmatch(line)

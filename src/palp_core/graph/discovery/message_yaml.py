@@ -17,7 +17,7 @@ INT64 = range(-(2**63), 2**63)
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Return what a YAML text says, by YAML 1.2's rules: ``on`` is a text, ``1e-3`` a number."""
+    """Return the value of a YAML text, by YAML 1.2's rules: ``on`` is a text, ``1e-3`` a number."""
     from palp_core.graph.description.yaml_tree import parse_tree, plain_tree
 
     problems = Problems()
@@ -66,7 +66,7 @@ def packed(value: Any, schema: dict[str, Any], where: str) -> Any:
         case FieldKind.FLOAT:
             return _number(value, where)
         case FieldKind.ANY:
-            raise SchemaMismatch(f"{where}: the schema does not say what it holds")
+            raise SchemaMismatch(f"{where}: its type is not in the schema")
     expected, words = _WANTED[kind]
     if not isinstance(value, expected) or (isinstance(value, bool) and kind is not FieldKind.BOOL):
         raise _unlike(where, words, value)

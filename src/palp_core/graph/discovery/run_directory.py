@@ -41,7 +41,7 @@ class NodeEntry(msgspec.Struct, frozen=True):
 
 
 class RunRecord(msgspec.Struct, frozen=True):
-    """What ``graph.json`` holds: how a running graph is told from others, and where everything of it is.
+    """What ``graph.json`` holds: which graph runs, and where everything of it is.
 
     Attributes:
         nodes: Those with a place in the run directory.
@@ -79,7 +79,7 @@ class _NotOwn(GraphError):
 
 
 class RunDirectory:
-    """A folder only its owner can enter; created anew for each run, and locked while the run lasts."""
+    """A folder only its owner can enter; a new one for each run, locked while the run lasts."""
 
     def __init__(self, graph: str, name: str | None = None) -> None:
         base = runtime_folder()
@@ -123,7 +123,7 @@ class RunDirectory:
     def write(self, record: RunRecord) -> None:
         """Make the graph visible to the command line.
 
-        A full disk costs no graph that is visible already: it is said that others know it as it was.
+        A full disk ends no graph that is visible already; a warning is logged.
         """
         try:
             write_json(self.path / RECORD, record, mode=PRIVATE)
@@ -145,7 +145,7 @@ class RunDirectory:
         self._lock = -1
 
     def _remove_sockets(self) -> None:
-        """Remove what nobody needs when all of the run's processes have ended."""
+        """Remove what is of no use once all of the run's processes have ended."""
         with contextlib.suppress(OSError):
             for entry in self.path.iterdir():
                 if entry.is_socket():
@@ -169,7 +169,7 @@ def present_folder() -> str:
 
 
 def read_record(folder: Path) -> RunRecord | None:
-    """Return what a run directory says of its run; None where there is none, or it cannot be read."""
+    """Return the record of a run directory; None where there is none, or it cannot be read."""
     try:
         with open(folder / RECORD, "rb", opener=open_private) as file:
             return msgspec.json.decode(file.read(), type=RunRecord)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
+import select
+import signal
 import uuid
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
-from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, read_record
+from palp_core.graph.discovery.run_directory import END_ASKED, RECORD, NodeEntry, RunRecord, read_record
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, topic
 from palp_core.graph.problems import hint
-from palp_core.whole_file import is_locked
+from palp_core.whole_file import is_locked, write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.messages.frame import Frame
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
 CHANGES_OF_HANDS = 10
+SAFETY_TYPE, SAFETY_NAME = "SafetyBeat", "safety"
 LAST = 2**62
 """Above every sequence number."""
 
@@ -49,13 +54,13 @@ class Edge(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What the nodes of a graph said, by name, and why the others did not."""
+    """Replies of nodes, by name, and why the others did not answer."""
 
     replies: dict[str, dict[str, Any]]
     silent: dict[str, GraphError]
 
     def services(self, *, include_hidden: bool = False) -> list[Service]:
-        """Return the services that nodes told of in their ``info``."""
+        """Return the services of the nodes by their ``info``."""
         found = [
             Service(f"/{node}/{port}", node, port, *types)
             for node, info in self.replies.items()
@@ -64,13 +69,30 @@ class Answers(NamedTuple):
         return [service for service in found if include_hidden or not hidden(service.name)]
 
     def edges(self, topic: str | None = None) -> list[Edge]:
-        """Return the inputs that nodes told of in their ``info``; of one topic if it is named."""
+        """Return the inputs of the nodes by their ``info``; of one topic if it is named."""
         return [
             Edge(node, name, account)
             for node, info in self.replies.items()
             for name, account in info.get("inputs", {}).items()
             if topic is None or name == topic
         ]
+
+
+def no_external_port(name: str, known: Collection[str]) -> GraphError:
+    advice = hint(name, known) if known else "; declare it external: true in the launch file"
+    return GraphError(f"no port '{name}' takes messages from outside{advice}")
+
+
+def safety_node(types: Iterable[tuple[str, str]], nodes: Collection[str]) -> str | None:
+    """Return the node that stops motion, by the type that it publishes, whatever its name.
+
+    Its name decides where several publish that, or none does: yours may have messages of its own. ``types``
+    are pairs of node and type, of every topic.
+    """
+    beating = [node for node, kind in types if kind == SAFETY_TYPE]
+    if SAFETY_NAME in nodes and (not beating or SAFETY_NAME in beating):
+        return SAFETY_NAME
+    return beating[0] if beating else None
 
 
 def hidden(name: str) -> bool:
@@ -296,6 +318,37 @@ class RunningGraph:
         except SchemaMismatch as error:
             raise GraphError(f"/{node}: {topic}: {error}") from error
 
+    def external_ports(
+        self, nodes: Iterable[str] = (), *, timeout_s: float = REPLY_TIMEOUT_S
+    ) -> dict[str, dict[str, Any]]:
+        """Return the described types of the inputs that take messages from outside, by ``/node/port``."""
+        infos = self.ask_all("info", nodes, timeout_s=timeout_s).replies
+        external = {node: info["external"] for node, info in infos.items() if info.get("external")}
+        if not external:
+            return {}
+        schemas = self.ask_all("schemas", external, timeout_s=timeout_s).replies
+        return {
+            topic(node, port): reply["ports"][port]["types"][0]
+            for node, reply in schemas.items()
+            for port in external[node]
+        }
+
+    def external_port(
+        self, name: str, *, timeout_s: float = REPLY_TIMEOUT_S
+    ) -> tuple[str, str, dict[str, Any]]:
+        """Return node, port and described type of an input that takes messages from outside."""
+        name = _rooted(name)
+        node, _, port = name[1:].partition("/")
+        known = self.external_ports([node], timeout_s=timeout_s) if node in self.node_names else {}
+        if name in known:
+            return node, port, known[name]
+        if any(name == entry.name for entry in self.record.topics):
+            raise GraphError(
+                f"{name} is published by /{self.topic(name).node}, and a topic has one publisher; "
+                "publish into a port that the launch file declares external: true"
+            )
+        raise no_external_port(name, self.external_ports(timeout_s=timeout_s))
+
     def moves_something_real(self) -> bool:
         """Tell whether a node moves something on the wall clock; True if the launcher does not answer."""
         if self.record.clock == "sim":
@@ -314,13 +367,38 @@ class RunningGraph:
         declared = self.ask(node, "describe_parameters", timeout_s=timeout_s)["parameters"]
         return typed_parameters(node, declared, texts)
 
+    @contextlib.contextmanager
+    def ask_to_end(self, asked_by: str) -> Iterator[Callable[[float], bool]]:
+        """Ask the graph to end, as Ctrl-C at its launch does; yield a function that waits for it."""
+        record = self.record
+        ended = f"graph '{record.graph}' has ended already"
+        try:
+            process = os.pidfd_open(record.pid)
+        except OSError as error:
+            raise GraphError(ended) from error
+        try:
+            if not self.alive:  # asked once the process is held: its number cannot be another's from here on
+                raise GraphError(ended)
+            with contextlib.suppress(OSError):  # a full disk: then it only knows of the signal
+                write_whole(self.folder / END_ASKED, asked_by)
+            try:
+                signal.pidfd_send_signal(process, signal.SIGINT)
+            except OSError as error:
+                why = f"graph '{record.graph}' (pid {record.pid}) cannot be asked to end: {error.strerror}"
+                raise GraphError(why) from error
+            waiting = select.poll()  # select.select() takes no descriptor above 1023
+            waiting.register(process, select.POLLIN)
+            yield lambda timeout_s: bool(waiting.poll(timeout_s * 1e3))
+        finally:
+            os.close(process)
+
     def process_of(self, entry: NodeEntry) -> int:
         """Return the process of a node: its own, the launcher's if it is composed, or 0 on another host."""
         composed = Path(entry.serve).stem == COMPOSITION
         return self.record.pid if composed or entry.name == LAUNCHER else entry.pid
 
     def _whereabouts(self, entry: NodeEntry) -> str:
-        """Say why a node may be silent, and what to look at."""
+        """Return why a node may be silent, and what to look at."""
         import psutil
 
         pid = self.process_of(entry)

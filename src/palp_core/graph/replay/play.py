@@ -231,12 +231,7 @@ class PlayRun:
 
 def external_ports(graph: RunningGraph, topics: Mapping[str, Topic]) -> list[str]:
     """Return those of the topics that are ports of a running graph which take messages from outside."""
-    known: dict[str, str] = {}
-    for node, info in graph.ask_all("info").replies.items():
-        ports = graph.ask(node, "schemas")["ports"] if info.get("external") else {}
-        known |= {
-            f"/{node}/{port}": ports[port]["types"][0]["type_hash"] for port in info.get("external", [])
-        }
+    known = graph.external_ports()
     taken = [name for name in topics if name in known]
     if not taken:
         raise GraphError(
@@ -245,7 +240,7 @@ def external_ports(graph: RunningGraph, topics: Mapping[str, Topic]) -> list[str
             "one with --remap RECORDED:=/node/port"
         )
     for name in taken:
-        if topics[name].type_hash not in ("", known[name]):
+        if topics[name].type_hash not in ("", known[name]["type_hash"]):
             raise GraphError(f"{name} takes another type than {topics[name].type}; remap another topic to it")
     return taken
 

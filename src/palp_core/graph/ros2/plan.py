@@ -15,7 +15,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.ros2.export_bag import Outlet, OutletsOf
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.running_graph import RunningGraph, no_external_port
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
@@ -94,8 +94,7 @@ def _crossings(entry: Entry, graph: RunningGraph, ports: Ports) -> list[Crossing
     if port := entry.to or (entry.palp if entry.kind == "from_ros2" else ""):
         known = ports.named("external")
         if port not in known:
-            advice = hint(port, known) if known else "; declare it external: true in the launch file"
-            raise GraphError(f"no port '{port}' takes messages from outside{advice}")
+            raise no_external_port(port, known)
         ports.check(port, entry.messages[-1:])
     if entry.kind == "from_ros2":
         return [Crossing(entry, None, msgspec.convert(entry.qos, Qos))]

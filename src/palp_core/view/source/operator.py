@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.ending import ask_to_end
 from palp_core.graph.discovery.message_yaml import message_from_yaml
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.node.loading import class_from_here
-from palp_core.graph.problems import hint
 from palp_core.view.source.live import LiveSource
 
 READ_ONLY = "this page is read-only; start palp view without --read-only"
@@ -65,10 +63,8 @@ class GraphOperator:
     def publish(self, node: str, port: str, text: str) -> int:
         """Publish a message, typed as YAML, into an external port; return its sequence on the topic."""
         graph = self.allow()
-        ports = graph.ask(node, "schemas")["ports"]
-        if port not in ports:
-            raise GraphError(f"/{node} has no port '{port}'{hint(port, ports)}")
-        message = message_from_yaml(text or "{}", ports[port]["types"][0]["json_schema"], "message")
+        _, _, described = graph.external_port(f"/{node}/{port}")
+        message = message_from_yaml(text or "{}", described["json_schema"], "message")
         return int(graph.ask(node, "publish", port=port, message=message)["sequence"])
 
     def call(
@@ -89,4 +85,5 @@ class GraphOperator:
 
     def end(self) -> None:
         """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it."""
-        ask_to_end(self.allow(), "its page in the browser").close()
+        with self.allow().ask_to_end("its page in the browser"):
+            pass

@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.safety_node import SAFETY_TYPE, safety_node
+from palp_core.graph.discovery.running_graph import SAFETY_TYPE, safety_node
 from palp_core.palpation.live_page.safety import (
     MOVING,
     OVER,
