@@ -104,6 +104,8 @@ def test_one_silent_node_does_not_hide_the_others(tmp_path: Path) -> None:
     answers = RunningGraph(record(tmp_path), request).ask_all("info")
     assert list(answers.replies) == ["relay"]
     assert "/sink did not answer" in str(answers.silent["sink"])
+    of_none = RunningGraph(record(tmp_path, nodes=()), request).ask_all("info")  # all have yet to join
+    assert of_none == ({}, {})
 
 
 def test_unknown_names_get_the_nearest_one_and_hidden_topics_are_known_unasked(tmp_path: Path) -> None:

@@ -262,15 +262,17 @@ class RunningGraph:
     def ask_all(
         self,
         operation: str,
-        nodes: Iterable[str] = (),
+        nodes: Iterable[str] | None = None,
         *,
         timeout_s: float = REPLY_TIMEOUT_S,
         **fields: Any,
     ) -> Answers:
-        """Ask several nodes (default: all) at the same time, so that a stuck one costs its own time only."""
+        """Ask several nodes (None: all) at the same time, so that a stuck one costs its own time only."""
         from concurrent.futures import ThreadPoolExecutor
 
-        names = list(nodes) or self.node_names
+        names = self.node_names if nodes is None else list(nodes)
+        if not names:  # as when all have yet to join
+            return Answers({}, {})
 
         def ask(name: str) -> dict[str, Any] | GraphError:
             try:
@@ -319,13 +321,11 @@ class RunningGraph:
             raise GraphError(f"/{node}: {topic}: {error}") from error
 
     def external_ports(
-        self, nodes: Iterable[str] = (), *, timeout_s: float = REPLY_TIMEOUT_S
+        self, nodes: Iterable[str] | None = None, *, timeout_s: float = REPLY_TIMEOUT_S
     ) -> dict[str, dict[str, Any]]:
         """Return the described types of the inputs that take messages from outside, by ``/node/port``."""
         infos = self.ask_all("info", nodes, timeout_s=timeout_s).replies
         external = {node: info["external"] for node, info in infos.items() if info.get("external")}
-        if not external:
-            return {}
         schemas = self.ask_all("schemas", external, timeout_s=timeout_s).replies
         return {
             topic(node, port): reply["ports"][port]["types"][0]

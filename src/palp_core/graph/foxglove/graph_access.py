@@ -49,8 +49,6 @@ def describe(graph: RunningGraph) -> Description:
     """Ask a graph, as its run directory has it now, what it is made of."""
     graph.refresh()
     topics = {name: topic for name, topic in live_topics(graph).items() if not is_order(name)}
-    if not graph.node_names:
-        return Description(topics, {}, Answers({}, {}), frozenset())
     schemas, infos = (graph.ask_all(wanted, timeout_s=ASK_S) for wanted in ("schemas", "info"))
     services = [
         ServiceType(node, port, asked["name"], asked["json_schema"], answer["name"], answer["json_schema"])
@@ -82,9 +80,8 @@ class GraphAccess:
     def parameters(self, names: Iterable[str] = ()) -> dict[str, Any]:
         """Return values of parameters, ``/node.parameter``; by default of all. Who is silent is left out."""
         wanted = set(names)
-        nodes = {node for name in wanted if (node := _split(name)[0]) in self.graph.node_names}
-        if (wanted and not nodes) or not self.graph.node_names:
-            return {}
+        named = {_split(name)[0] for name in wanted}
+        nodes = [node for node in self.graph.node_names if node in named or not wanted]
         answers = self.graph.ask_all("get_parameters", nodes, timeout_s=ASK_S)
         found = full_names({node: reply["parameters"] for node, reply in answers.replies.items()})
         return {name: value for name, value in found.items() if not wanted or name in wanted}

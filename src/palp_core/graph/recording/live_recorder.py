@@ -167,7 +167,7 @@ class LiveRecorder:
     def _attachments(self) -> dict[str, bytes]:
         provenance = self._graph.ask("graph", "launch")
         nodes = recorded_nodes(self._graph)
-        replies = self._graph.ask_all("get_parameters", nodes, timeout_s=ASK_S).replies if nodes else {}
+        replies = self._graph.ask_all("get_parameters", nodes, timeout_s=ASK_S).replies
         params = {name: reply["parameters"] for name, reply in replies.items()}
         return {
             **attachments(provenance, params),
