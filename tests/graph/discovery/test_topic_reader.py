@@ -27,23 +27,34 @@ class History:
     def __init__(self, last: int, depth: int, epoch: int = 0, at_once: int = 3) -> None:
         self.last, self.depth, self.epoch, self.at_once = last, depth, epoch, at_once
         self.asked: list[tuple[int, int]] = []
+        self._replies: list[dict[str, Any]] = []
 
-    def __call__(self, endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-        assert request["op"] == "history"
-        self.asked.append((request["first"], request["last"]))
-        first = max(request["first"], self.last - self.depth + 1)
-        kept = range(first, min(request["last"], self.last) + 1)[: self.at_once]
-        return {"frames": [frame(n, epoch=self.epoch) for n in kept], "epoch": self.epoch}
+    def ask_history(self, endpoint: str, topic: str, first: int, last: int) -> None:
+        self.asked.append((first, last))
+        kept = range(max(first, self.last - self.depth + 1), min(last, self.last) + 1)[: self.at_once]
+        frames = [frame(n, epoch=self.epoch) for n in kept]
+        self._replies.append({"topic": topic, "frames": frames, "epoch": self.epoch})
+
+    def replies(self) -> list[dict[str, Any]]:
+        replies, self._replies = self._replies, []
+        return replies
+
+    def close(self) -> None:
+        """Nothing is open."""
 
 
 def follow(
     tmp_path: Path, history: History, frames: list[bytes], **options: Any
 ) -> tuple[list[tuple[int, int]], int]:
     """Return epoch and sequence of what is handed over, and how many were said to be lost."""
-    graph = RunningGraph(record(tmp_path), history)
+    graph = RunningGraph(record(tmp_path))
     with TopicReader(graph, [graph.topic(TOPIC)], **options) as listener:
+        listener._requester.close()
+        listener._requester = history  # type: ignore[assignment]
         for raw in frames:
             listener._reader._arrive(raw, 0)
+            while history._replies:
+                listener._take_answers()
         heard: list[ReceivedFrame] = listener._received
     messages = [(h.frame.epoch, h.frame.sequence) for h in heard if h.is_message]
     return messages, sum(h.lost for h in heard)

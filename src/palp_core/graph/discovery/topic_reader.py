@@ -1,6 +1,6 @@
 """Messages of topics of a running graph in their order; what is missing is asked for, or counted."""
 
-from collections import deque
+import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, Self
 
@@ -17,7 +17,8 @@ from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 
 TICK_MS = 100
 SLICE_NS = 500_000
-HISTORY_TIMEOUT_S = 2.0
+ANSWER_MS = 5
+"""How long frames are waited for while a publisher is asked for what is missing."""
 
 
 class ReceivedFrame(NamedTuple):
@@ -58,8 +59,8 @@ class TopicReader:
         self._nodes: dict[str, str] = {}
         self._accounts: dict[str, SequenceAccount] = {}
         self._buffers: dict[str, ReorderBuffer] = {}
-        self._in_order: deque[Frame] = deque()
-        self._gaps: deque[tuple[str, int, int]] = deque()
+        self._requester = self._reader.requester()
+        self._now_ns = 0
         self._received: list[ReceivedFrame] = []
         self.last_sequence: dict[str, int] = {}
         self._qos = Qos(
@@ -84,8 +85,8 @@ class TopicReader:
                 topic.name,
                 self._qos,
                 account,
-                self._in_order.append,
-                self._add_gap,
+                self._account_for,
+                self._ask,
                 patience_ns=PATIENCE_NS,
             )
             self._reader.follow([topic], self._arrive, buffer)
@@ -101,6 +102,7 @@ class TopicReader:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._requester.close()
         self._reader.close()
 
     def messages(self) -> Iterator[ReceivedFrame | None]:
@@ -114,16 +116,20 @@ class TopicReader:
 
     def turn(self, take: Callable[[ReceivedFrame], object], slice_ns: int = SLICE_NS) -> None:
         """Hand over what comes: wait for it a tenth of a second at most, and take it for a slice of time."""
-        self._reader.receive(TICK_MS, slice_ns)
-        now_ns = monotonic_ns()
+        is_asking = any(buffer.give_up_ns is not None for buffer in self._buffers.values())
+        self._reader.receive(ANSWER_MS if is_asking else TICK_MS, slice_ns)
+        self._now_ns = monotonic_ns()
+        self._take_answers()
         for buffer in self._buffers.values():
-            buffer.expire(now_ns)
-        self._complete(now_ns)
+            buffer.expire(self._now_ns)
+            while self.ended and buffer.give_up_ns is not None:  # no publisher answers any more
+                buffer.expire(buffer.give_up_ns)
         received, self._received = self._received, []
         for message in received:
             take(message)
 
     def _arrive(self, raw: bytes, arrived_ns: int) -> None:
+        self._now_ns = arrived_ns
         try:
             frame = parse(raw)
         except SchemaMismatch:
@@ -131,39 +137,25 @@ class TopicReader:
         if frame.kind != Kind.MOVED:
             self.last_sequence[frame.topic] = frame.sequence
             self._buffers[frame.topic].arrive(frame, arrived_ns)
-        self._complete(arrived_ns)
 
-    def _complete(self, arrived_ns: int) -> None:
-        """Account for what is in order; ask the publishers for the gaps, and account for the answers."""
-        while True:
-            while self._in_order:
-                self._account_for(self._in_order.popleft(), arrived_ns)
-            if not self._gaps:
-                return
-            self._fill(*self._gaps.popleft())
-            arrived_ns = monotonic_ns()
-
-    def _account_for(self, frame: Frame, arrived_ns: int) -> None:
+    def _account_for(self, frame: Frame) -> None:
         account = self._accounts[frame.topic]
         lost_before = account.lost
+        is_new = frame.kind == Kind.DATA and account.accept(frame.epoch, frame.sequence)
         if frame.kind != Kind.DATA:
             account.heartbeat(frame.epoch, frame.sequence)
-            if account.lost > lost_before:
-                self._received.append(ReceivedFrame(frame, arrived_ns, account.lost - lost_before))
-        elif account.accept(frame.epoch, frame.sequence):
-            self._received.append(ReceivedFrame(frame, arrived_ns, account.lost - lost_before))
+        lost = account.lost - lost_before
+        if is_new or lost:
+            self._received.append(ReceivedFrame(frame, self._now_ns, lost))
 
-    def _add_gap(self, topic: str, first: int, last: int) -> None:
-        self._gaps.append((topic, first, last))
-
-    def _fill(self, topic: str, first: int, last: int) -> None:
+    def _ask(self, topic: str, first: int, last: int) -> None:
         """Ask the publisher for messages; what it no longer has is a gap."""
-        buffer = self._buffers[topic]
-        try:
-            frames = self._reader.graph.history(
-                self._nodes[topic], topic, first=first, last=last, timeout_s=HISTORY_TIMEOUT_S
-            )
-        except GraphError:
-            frames = []
-        epoch = frames[0].epoch if frames else buffer.epoch
-        buffer.fill(epoch, frames, monotonic_ns())
+        with contextlib.suppress(GraphError):  # it has left
+            serve = self._reader.server(topic) or self._reader.graph.node(self._nodes[topic]).serve
+            self._requester.ask_history(serve, topic, first, last)
+
+    def _take_answers(self) -> None:
+        for reply in self._requester.replies():
+            buffer = self._buffers.get(reply.get("topic", ""))
+            if buffer is not None:
+                buffer.fill(reply["epoch"], [parse(raw) for raw in reply["frames"]], self._now_ns)
