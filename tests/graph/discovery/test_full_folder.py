@@ -17,7 +17,7 @@ import pytest
 from palp_core.errors import GraphError
 from palp_core.graph.discovery import run_directory
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, RunDirectory, running
-from palp_core.graph.transport.offsets import Offsets
+from palp_core.graph.transport.restart_files import Offsets
 from palp_core.user_folders import runtime_folder
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 

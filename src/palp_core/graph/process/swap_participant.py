@@ -18,8 +18,8 @@ from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.offsets import ReceivedOffsets
 from palp_core.graph.transport.receiver import TopicReceiver
+from palp_core.graph.transport.restart_files import ReceivedOffsets
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 READERS_NS = 300_000_000

@@ -19,11 +19,10 @@ from palp_core.graph.process.checkpoint import NodeCheckpointer
 from palp_core.graph.process.health import HealthProbe
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_participant import SwapParticipant
-from palp_core.graph.transport.matched_readers import MatchedReaders
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.offsets import Offsets
 from palp_core.graph.transport.publisher_socket import HEARTBEAT_NS
 from palp_core.graph.transport.receiver import TopicReceiver
+from palp_core.graph.transport.restart_files import MatchedReaders, Offsets
 
 EARLY_NS = 50_000_000
 """How much sooner a beat may be where the node is awake for something else, and need not wake for it.

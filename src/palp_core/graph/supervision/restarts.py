@@ -14,7 +14,7 @@ from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, Liveness
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
-from palp_core.graph.transport.matched_readers import WAIT_NS
+from palp_core.graph.transport.restart_files import WAIT_NS
 
 READY_NS = 60_000_000_000
 """In which a process must have configured its node (assumed: no device takes longer to answer)."""

@@ -47,7 +47,7 @@ from palp_core.graph.process.swap_messages import (
 from palp_core.graph.supervision.supervisor import FAREWELL_NS, Supervisor
 from palp_core.graph.swap.step_engine import LARGE_BYTES, NEW, OLD, Step, StepEngine, SwapHost
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
-from palp_core.graph.transport.offsets import ReceivedOffsets
+from palp_core.graph.transport.restart_files import ReceivedOffsets
 
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""

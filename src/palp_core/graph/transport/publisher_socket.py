@@ -15,7 +15,7 @@ from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.acks import ACK, FLOW_CONTROL
 from palp_core.graph.transport.backpressure import Backpressure
-from palp_core.graph.transport.matched_readers import READER
+from palp_core.graph.transport.restart_files import READER
 from palp_core.graph.transport.zmq_sockets import InFlightBytes, bind_private, readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered

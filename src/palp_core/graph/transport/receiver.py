@@ -18,9 +18,9 @@ from palp_core.graph.node.lifecycle import Lifecycle
 from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.acks import AckSender, flow_controls
 from palp_core.graph.transport.migration import Migration
-from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
+from palp_core.graph.transport.restart_files import Offsets, ReceivedOffsets
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
 _MOVED = int(Kind.MOVED)  # an enum costs a comparison in Python

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 import zmq
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.requester_socket import RECONNECT_MS
+from palp_core.graph.transport.restart_files import READER
 from palp_core.graph.transport.zmq_sockets import readable
 
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.graph.transport import matched_readers as audiences
-from palp_core.graph.transport.matched_readers import WAIT_NS, MatchedReaders
+from palp_core.graph.transport import restart_files as audiences
+from palp_core.graph.transport.restart_files import WAIT_NS, MatchedReaders
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.graph.transport.test_publisher_socket import Publisher
 
