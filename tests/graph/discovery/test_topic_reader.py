@@ -104,3 +104,13 @@ def test_whatever_arrives_everything_is_in_order_once_and_accounted_for(
     assert sequences == sorted(set(sequences))
     if sequences:
         assert len(sequences) + lost == sequences[-1] - sequences[0] + 1
+
+
+def test_what_waits_for_a_gap_is_handed_over_when_the_graph_has_ended(tmp_path: Path) -> None:
+    graph = RunningGraph(record(tmp_path))  # whose folder is not locked
+    taken: list[ReceivedFrame] = []
+    with TopicReader(graph, [graph.topic(TOPIC)], reliable=True) as listener:
+        for sequence in (1, 4, 7):
+            listener._reader._arrive(frame(sequence), 0)
+        listener.turn(taken.append)
+    assert [(one.frame.sequence, one.lost) for one in taken] == [(1, 0), (3, 2), (4, 0), (6, 2), (7, 0)]

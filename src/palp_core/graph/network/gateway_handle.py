@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -35,10 +36,6 @@ _DECODER: msgspec.msgpack.Decoder[join_protocol.FromGateway] = msgspec.msgpack.D
 )
 
 
-class Report(Protocol):
-    def __call__(self, kind: str, node: str, text: str, /, **data: object) -> object: ...
-
-
 def view_of(checked: CheckedGraph) -> GraphView:
     """Return a graph as other hosts see it."""
     external = [spec.inputs[port] for spec in checked.nodes for port in spec.external]
@@ -64,7 +61,7 @@ class GatewayHandle:
         address: str,
         checked: CheckedGraph,
         folder: Path,
-        report: Report,
+        report: Callable[..., object],
         changed: Callable[[], None],
     ) -> None:
         if not address:
@@ -99,20 +96,19 @@ class GatewayHandle:
             epochs=self._epochs,
             start_ns=self._start_ns,
         )
-        try:
-            sidecar.send(listen_on)
-            if not sidecar.wait(START_TIMEOUT_S):
-                raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
-            (answer,) = sidecar.receive()
+        with contextlib.ExitStack() as stack:
+            stack.callback(sidecar.close)
+            try:
+                sidecar.send(listen_on)
+                if not sidecar.wait(START_TIMEOUT_S):
+                    raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
+                (answer,) = sidecar.receive()
+            except ChannelClosed as error:
+                raise GraphError(f"the gateway ended while it started (log: {log})") from error
             if isinstance(answer, join_protocol.JoinRefused):
                 raise GraphError(answer.text)
             assert isinstance(answer, join_protocol.GatewayEvent)
-        except GraphError:
-            sidecar.close()
-            raise
-        except ChannelClosed as error:
-            sidecar.close()
-            raise GraphError(f"the gateway ended while it started (log: {log})") from error
+            stack.pop_all()
         return sidecar, answer.text
 
     def follow(self, supervisor: Supervisor) -> None:
