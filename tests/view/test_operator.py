@@ -40,6 +40,8 @@ class Stage:
         match request["op"]:
             case "describe_parameters":
                 return {"parameters": DECLARED}
+            case "info":
+                return {"external": ["load"]}
             case "schemas":
                 return {"ports": {"load": {"types": [{"json_schema": LOAD}]}}}
         self.asked.append(request)
@@ -114,7 +116,7 @@ def test_who_operates_may_press_all(tmp_path: Path) -> None:
         (lambda operator: operator.set_parameters("stage", {"rate": "5"}), "did you mean 'rate_hz'"),
         (lambda operator: operator.set_parameters("stage", {"rate_hz": "[1"}), "value of rate_hz"),
         (lambda operator: operator.publish("stage", "load", "{load_n: heavy}"), "load_n: expected a number"),
-        (lambda operator: operator.publish("stage", "loud", "{}"), "did you mean 'load'"),
+        (lambda operator: operator.publish("stage", "loud", "{}"), "did you mean '/stage/load'"),
         (lambda operator: operator.transition("stag", "activate"), "did you mean '/stage'"),
     ],
 )
