@@ -164,7 +164,7 @@ def sockets(tmp_path: Path) -> Iterator[NodeSockets]:
 @COUNTS
 def test_a_node_answers_or_refuses_whatever_is_asked(sockets: NodeSockets, count: int) -> None:
     executor = clerk(sockets)
-    with Attacked(sockets, sockets.requests.perform) as attacked:
+    with Attacked(sockets, sockets.requests.run_deferred) as attacked:
         attack(attacked, NODE, count)
     assert executor.lifecycle is Lifecycle.ACTIVE
 
@@ -183,7 +183,7 @@ def test_ids_that_are_none_in_one_burst_with_repeated_ones_harm_nothing(sockets:
     request = {"op": "set_parameters", "parameters": {"offset": 1}}
     tokens: list[Any] = [[], "a", "a"]
     burst = [msgpack.packb({**request, "id": token}) for token in tokens]
-    with Attacked(sockets, sockets.requests.perform) as attacked:
+    with Attacked(sockets, sockets.requests.run_deferred) as attacked:
         refused, *answered = attacked.ask(burst)
     assert "`$.id`" in refused["error"]
     assert answered == [{"parameters": {"offset": 1}}] * 2
@@ -264,7 +264,7 @@ def door(tmp_path: Path) -> Iterator[Door]:
 
     def work() -> None:
         sockets.poll()
-        sockets.requests.perform()
+        sockets.requests.run_deferred()
         launcher.poll()
         assert executor.lifecycle is Lifecycle.ACTIVE
 

@@ -57,7 +57,7 @@ def test_what_came_with_one_that_takes_long_does_not_wait_for_it(desk: Desk) -> 
         desk.ask("swap", node="_launcher", id=token)
     while len(desk.server._waiting) < 2:
         desk.server.poll()
-    desk.server.perform()
+    desk.server.run_deferred()
     assert desk.reply() == {"said": "done"}
     assert set(desk.server.remembered) == {"first", "second"}
     assert not desk.server.waiting
@@ -72,7 +72,7 @@ def test_a_request_that_waited_is_answered_by_who_has_the_nodes_place_by_then(de
     while not desk.server.waiting:
         desk.server.poll()
     desk.server.add("policy", {"set": says("the old one again")}, {"set"})
-    desk.server.perform()
+    desk.server.run_deferred()
     assert desk.reply() == {"said": "the old one again"}
 
 

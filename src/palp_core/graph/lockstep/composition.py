@@ -95,7 +95,7 @@ class Composition:
             self.working = self.names[index]
             self.clock.set(message.now_ns)
             if sockets is not None and sockets.requests.waiting and not self._holds_requests(index):
-                sockets.requests.perform(self.names[index])
+                sockets.requests.run_deferred(self.names[index])
             shared = swap is not None and swap.index == index
             replies[index] = swap.work(message) if shared and swap else self._nodes[index].work(message)
         return replies

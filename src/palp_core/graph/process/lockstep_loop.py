@@ -151,7 +151,7 @@ class LockstepLoop:
                     self.node.clock.set(message.now_ns)
                     self._knocked = False
                     if not self.node.participant.silent:
-                        self.sockets.requests.perform()
+                        self.sockets.requests.run_deferred()
                     self.channel.send(self.node.work(message))
                 case control_messages.Activate():
                     self.channel.send(self.node.transition(Transition.ACTIVATE))

@@ -156,16 +156,16 @@ class WallLoop:
             if self.participant.waiting:
                 self.participant.turn()
             if self.sockets.due():
-                self.sockets.poll(put_off=self._perform)
-                self._perform()
+                self.sockets.poll(on_deferred=self._run_deferred)
+                self._run_deferred()
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True
                 self.channel.send(control_messages.Relay(b"", self.executor.exit_code))
 
-    def _perform(self) -> None:
+    def _run_deferred(self) -> None:
         """Do what has been asked, and at once what comes of it, unless the node may change hands."""
         if not self.executor.paused:
-            self.sockets.requests.perform()
+            self.sockets.requests.run_deferred()
 
     def _wait(self) -> bool:
         """Wait for something to do and take in what arrives; return whether the supervisor spoke."""

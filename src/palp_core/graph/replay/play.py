@@ -216,7 +216,7 @@ class PlayRun:
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             self._sockets.publisher.send_heartbeats()
         self._sockets.poll()
-        self._sockets.requests.perform()
+        self._sockets.requests.run_deferred()
         self._launcher.poll()
         return self._sockets.pending()
 

@@ -88,7 +88,7 @@ class LauncherNode:
 
     def run_deferred(self) -> None:
         """Do what was asked for and had to wait."""
-        self._sockets.requests.perform()
+        self._sockets.requests.run_deferred()
 
     def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
         """Publish what has happened, with ``data`` for a machine; not after the end."""

@@ -33,22 +33,22 @@ class NodeSockets:
 
     def note_signal(self) -> None:
         """Take note that a descriptor was readable."""
-        self.publisher.stirred = self._signalled = True
+        self.publisher.poll_pending = self._signalled = True
 
     def pending(self) -> bool:
         """Return whether :meth:`poll` may have work, whatever the descriptors show."""
-        return self.publisher.stirred or self.requests.stirred
+        return self.publisher.poll_pending or self.requests.poll_pending
 
     def due(self) -> bool:
         """Return whether to :meth:`poll`: at once after a signal or a reply, now and then after sending."""
-        stirred = self.publisher.stirred and (self._signalled or monotonic_ns() >= self._look_ns)
-        return stirred or self.requests.stirred
+        poll_pending = self.publisher.poll_pending and (self._signalled or monotonic_ns() >= self._look_ns)
+        return poll_pending or self.requests.poll_pending
 
-    def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
+    def poll(self, most: int = MOST_AT_ONCE, on_deferred: Callable[[], None] = lambda: None) -> None:
         """Answer requests and greet new subscribers, without waiting; what is beyond so many is pending."""
-        self.publisher.stirred = self.requests.stirred = self._signalled = False
+        self.publisher.poll_pending = self.requests.poll_pending = self._signalled = False
         self._look_ns = monotonic_ns() + LOOK_NS
-        self.requests.poll(most, put_off)
+        self.requests.poll(most, on_deferred)
         self.publisher.poll()
 
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
@@ -57,13 +57,13 @@ class NodeSockets:
         self.poll()
         while self.publisher.readers:
             left_ns = until_ns - monotonic_ns()
-            self.requests.refuse_waiting()
+            self.requests.reject_with_retry()
             wait_s = max(min(left_ns / 1e9, _REFUSE_S), 0.0)
             ready = select.select((*self.file_descriptors, ends), (), (), wait_s)[0]
             if left_ns <= 0 or ends in ready:
                 break
             self.poll()
-        self.requests.refuse_waiting()
+        self.requests.reject_with_retry()
 
     def close(self) -> None:
         self.context.destroy(linger=200)

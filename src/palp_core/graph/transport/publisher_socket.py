@@ -30,7 +30,7 @@ class PublisherSocket:
 
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
-        stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
+        poll_pending: It may have something to do all the same: sending swallows the descriptor's signal.
         backpressure: Whom its topics' publishers wait for, and what readers have lost.
         beats: Heartbeats are sent.
         announcement: Payload of a MOVED frame that goes with each heartbeat; empty: the topics do not move.
@@ -43,7 +43,7 @@ class PublisherSocket:
         self._socket.setsockopt(zmq.LINGER, 200)
         bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
-        self.stirred = True
+        self.poll_pending = True
         self.backpressure = Backpressure()
         self.beats, self.announcement = True, b""
         self._send_frame: Callable[[bytes], Any] = self._plain_send
@@ -110,7 +110,7 @@ class PublisherSocket:
     def send_past_hold(self, frames: Iterable[bytes]) -> None:
         for frame in frames:
             self._socket.send(frame)
-        self.stirred = True
+        self.poll_pending = True
 
     def send(self, frame: bytes) -> None:
         """Publish a frame if anyone subscribes to its topic; one that is held is kept in any case."""
@@ -118,7 +118,7 @@ class PublisherSocket:
             self._transmit(frame)
 
     def _transmit(self, frame: bytes) -> None:
-        self.stirred = True
+        self.poll_pending = True
         if len(frame) < UNCOPIED_FROM_BYTES or self._held is not None:
             self._send_frame(frame)
         elif self._in_flight.has_room(len(frame)):

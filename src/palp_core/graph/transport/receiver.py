@@ -122,7 +122,7 @@ class TopicReceiver:
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
-        return not self._inbox_is_full() and (self._subscriber.is_stirred or self._requester.pending())
+        return not self._inbox_is_full() and (self._subscriber.receive_pending or self._requester.pending())
 
     def receive(self, slice_ns: int) -> None:
         """Take in what has arrived, put it in order, ask for what is missing.

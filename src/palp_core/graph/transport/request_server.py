@@ -75,7 +75,7 @@ class RequestServer:
 
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
-        stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
+        poll_pending: It may have something to do all the same: sending swallows the descriptor's signal.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
@@ -84,7 +84,7 @@ class RequestServer:
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
         bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
-        self.stirred = True
+        self.poll_pending = True
         self._operations: dict[str, NodeOperations] = {}
         self._deferred: dict[str, Collection[str]] = {}
         self._waiting: list[_Waiting] = []
@@ -93,7 +93,7 @@ class RequestServer:
         self._remembered: OrderedDict[str, bytes] = OrderedDict()
         self._remembered_bytes = 0
         self._in_flight = InFlightBytes(REPLY_BYTES)
-        self._performs = False
+        self._is_running = False
 
     def add(self, node: str, operations: NodeOperations, deferred: Collection[str] = ()) -> None:
         self._operations[node], self._deferred[node] = operations, deferred
@@ -102,11 +102,11 @@ class RequestServer:
     def waiting(self) -> Collection[str]:
         return {entry.node for entry in self._waiting} if self._waiting else ()
 
-    def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
-        """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred."""
-        if self._performs:
+    def poll(self, most: int = MOST_AT_ONCE, on_deferred: Callable[[], None] = lambda: None) -> None:
+        """Answer or defer requests without waiting; beyond so many it is pending."""
+        if self._is_running:
             while (entry := self._next(None)) is not None:
-                self._perform(entry)
+                self._run_one(entry)
         for _ in range(most):
             if not readable(self._socket):
                 return
@@ -118,11 +118,11 @@ class RequestServer:
             if reply is not None:
                 self._send(parts, reply)
             else:
-                put_off()
-        self.stirred = True
+                on_deferred()
+        self.poll_pending = True
 
     def _send(self, envelope: list[bytes], reply: bytes) -> None:
-        self.stirred = True
+        self.poll_pending = True
         if len(reply) < LARGE_REPLY_BYTES:
             self._socket.send_multipart([*envelope, reply])
         elif self._in_flight.has_room(len(reply)):
@@ -132,7 +132,7 @@ class RequestServer:
             self._socket.send_multipart([*envelope, _pack({"error": TOO_MANY_REPLIES})])
 
     def reply_to(self, envelope: list[bytes], payload: bytes) -> bytes | None:
-        """Return the reply to a request; None if it is deferred: :meth:`perform` will send it."""
+        """Return the reply to a request; None if it is deferred: :meth:`run_deferred` will send it."""
         try:
             return self._reply_to(envelope, payload)
         except Exception as error:  # noqa: BLE001 - whatever a stranger sends must harm nothing
@@ -151,13 +151,13 @@ class RequestServer:
             if request.id in self._by_token:
                 self._by_token[request.id].askers.append(_checked(envelope))
                 return None
-        if not deferred or self._performs:
+        if not deferred or self._is_running:
             return self._answer(node, request.op, payload)[0]
         known[request.op].check(payload)
-        self._put_off(_Waiting(node, request, payload, deque([_checked(envelope)], MOST_ASKERS)))
+        self._defer(_Waiting(node, request, payload, deque([_checked(envelope)], MOST_ASKERS)))
         return None
 
-    def _put_off(self, entry: _Waiting) -> None:
+    def _defer(self, entry: _Waiting) -> None:
         size = self._waiting_bytes + len(entry.payload)
         if len(self._waiting) >= MOST_WAITING or size > MOST_WAITING_BYTES:
             raise GraphError(
@@ -194,21 +194,21 @@ class RequestServer:
         except Exception as error:  # noqa: BLE001 - as in reply_to
             return _pack({"error": in_words(error)}), None
 
-    def perform(self, node: str | None = None) -> None:
+    def run_deferred(self, node: str | None = None) -> None:
         """Do what waits for a node, or for any, in its order; what is asked meanwhile does not wait."""
         if not self._waiting:
             return
-        self._performs = True
+        self._is_running = True
         try:
             failures = []
             while (entry := self._next(node)) is not None:
-                failures += [failure] if (failure := self._perform(entry)) is not None else []
+                failures += [failure] if (failure := self._run_one(entry)) is not None else []
         finally:
-            self._performs = False
+            self._is_running = False
         if failures:
             raise failures[0]
 
-    def _perform(self, entry: _Waiting) -> NodeError | None:
+    def _run_one(self, entry: _Waiting) -> NodeError | None:
         reply, failure = self._answer(entry.node, entry.request.op, entry.payload)
         self._send_all(entry, reply)
         if entry.request.id is not None:
@@ -241,7 +241,7 @@ class RequestServer:
         while len(self._remembered) > REMEMBERED or self._remembered_bytes > REMEMBERED_BYTES:
             self._remembered_bytes -= len(self._remembered.popitem(last=False)[1])
 
-    def refuse_waiting(self) -> None:
+    def reject_with_retry(self) -> None:
         """Let those who wait ask again: another process goes on with the node."""
         while (entry := self._next(None)) is not None:
             text = f"{entry.node} was swapped for another while this was asked; ask again"

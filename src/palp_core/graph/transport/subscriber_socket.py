@@ -20,11 +20,11 @@ class SubscriberSocket:
     """The receiving side of one process.
 
     Attributes:
-        is_stirred: Something may have arrived though the descriptor does not show it: whatever else is done
-            with the socket swallows the descriptor's signal.
+        receive_pending: Something may have arrived all the same: whatever else is done with the socket
+            swallows the descriptor's signal.
     """
 
-    is_stirred = True
+    receive_pending = True
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class SubscriberSocket:
 
     def send_up(self, message: bytes) -> None:
         """Send a subscription or an ack to all publishers."""
-        self.is_stirred = True
+        self.receive_pending = True
         self._socket.send(message)
 
     def subscribe(self, endpoints: Mapping[str, str]) -> None:
@@ -64,12 +64,12 @@ class SubscriberSocket:
 
     def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""
-        self.is_stirred = True
+        self.receive_pending = True
         self._socket.connect(endpoint)
 
     def disconnect(self, endpoint: str) -> None:
         """Listen at an endpoint no longer; what has arrived from it stays."""
-        self.is_stirred = True
+        self.receive_pending = True
         with contextlib.suppress(zmq.ZMQError):  # never connected, or left already
             self._socket.disconnect(endpoint)
 
@@ -84,7 +84,7 @@ class SubscriberSocket:
         if wait_ms:
             self._socket.poll(wait_ms)
         socket, until_ns, count = self._socket, monotonic_ns() + slice_ns, 0
-        self.is_stirred = False
+        self.receive_pending = False
         while count > 1 or readable(socket):  # the exception that ends a burst costs less than each question
             try:
                 raw = socket.recv(_NOBLOCK)
@@ -94,7 +94,7 @@ class SubscriberSocket:
             now_ns = monotonic_ns()
             arrive(raw, now_ns)
             if now_ns >= until_ns:
-                self.is_stirred = True
+                self.receive_pending = True
                 return True
         return False
 
