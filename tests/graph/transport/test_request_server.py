@@ -7,13 +7,13 @@ import msgpack
 import pytest
 import zmq
 
-from palp_core.graph.transport import request_server
 from palp_core.graph.transport.request_server import (
     TOO_MANY_REPLIES,
     NodeOperation,
     NodeRequest,
     RequestServer,
 )
+from palp_core.graph.transport.zmq_sockets import InFlightBytes
 from tests.support.palp import PATIENCE_S, short_folder
 
 
@@ -79,7 +79,7 @@ def test_a_request_that_waited_is_answered_by_who_has_the_nodes_place_by_then(de
 def test_replies_that_nobody_takes_are_bounded_in_bytes_and_each_request_is_answered(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(desk.server, "_in_flight", request_server.InFlightBytes(1 << 20))
+    monkeypatch.setattr(desk.server, "_in_flight", InFlightBytes(1 << 20))
     desk.server.add("n", {"large": NodeOperation(NodeRequest, lambda _: {"bytes": bytes(256 << 10)})})
     answered: list[bytes] = []
     send = desk.server._send

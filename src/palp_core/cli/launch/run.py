@@ -44,7 +44,7 @@ def run(
             params={port: value_of(text) for port, text in assignments("-p", params).items()},
             wires=assignments("-r", remap),
             address=plan_call(join, server_key, KeyFolder()) if join is not None else None,
-            say=note,
+            note=note,
         )
     except Interrupted as stop:
         note(f"{stop}; the node has ended")

@@ -223,12 +223,14 @@ def _edge_rows(old: NodeHealth | None, node: NodeHealth, span_s: float | None) -
     for edge in node.edges:
         known = before.get(edge.topic)
         has_latency = edge.received_count > 0 and edge.latency_max_s > 0
+        counts: dict[str, Any] = {name: getattr(edge, f"{name}_count") for name in _COUNTS}
+        latencies = {name: getattr(edge, name) if has_latency else None for name in _LATENCIES}
         yield EdgeRow(
             topic=edge.topic,
             reader=f"/{node.node}",
             rate_hz=(edge.received_count - known) / span_s if known is not None and span_s else None,
-            **{name: getattr(edge, f"{name}_count") for name in _COUNTS},
-            **{name: getattr(edge, name) if has_latency else None for name in _LATENCIES},
+            **counts,
+            **latencies,
         )
 
 

@@ -167,7 +167,7 @@ class Gateway(Relay):
 
     # The launcher
 
-    def _send(self, message: join_protocol.LocalMessage) -> None:
+    def _send(self, message: join_protocol.FromGateway) -> None:
         if not self._ended:
             with self._ending_with_launcher():
                 self._channel.send(message)

@@ -144,7 +144,7 @@ class NodeProxy:
             )
 
     def publish(self, frame: bytes) -> None:
-        self._publish.send(frame, copy=len(frame) < LARGE_BYTES)
+        self._publish.send(frame, 0, len(frame) < LARGE_BYTES)  # small ones are quicker copied
 
     def answer(self, envelope: list[bytes], reply: bytes) -> None:
         waiting = self._waiting.pop(tuple(envelope), 0)
@@ -193,7 +193,10 @@ class Tap:
         self._reorderers: dict[str, MoveReorderer[bytes]] = {}
         self._subscriber = SubscriberSocket({}, event_loop.context, HIGH_WATER_MARK, name="other hosts")
         self.migration = Migration(self._subscriber, {}, self._reorderers)
-        event_loop.watch(self._subscriber.socket, lambda: self._subscriber.dispatch(self._on_frame, SLICE_NS))
+        event_loop.watch(self._subscriber.socket, self._receive)
+
+    def _receive(self) -> None:
+        self._subscriber.dispatch(self._on_frame, SLICE_NS)
 
     def subscribe(self, topic: bytes, endpoint: str) -> None:
         name = topic.decode()
