@@ -1,6 +1,5 @@
 """The receiving side of one process: an XSUB socket that reads topics, each at its publisher's endpoint."""
 
-import contextlib
 from collections.abc import Callable, Iterable, Mapping
 
 import zmq
@@ -40,6 +39,7 @@ class SubscriberSocket:
         self._socket.setsockopt(zmq.RCVHWM, queue)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
+        self._connected: set[str] = set()
         self.subscribe(endpoints)
         for token in flow_controls:  # after the topics, before the name: in this order ZeroMQ repeats
             self.send_up(BEGIN + token)
@@ -64,13 +64,16 @@ class SubscriberSocket:
 
     def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""
-        self.receive_pending = True
-        self._socket.connect(endpoint)
+        if endpoint not in self._connected:  # an XSUB that connects twice receives everything twice
+            self._connected.add(endpoint)
+            self.receive_pending = True
+            self._socket.connect(endpoint)
 
     def disconnect(self, endpoint: str) -> None:
         """Listen at an endpoint no longer; what has arrived from it stays."""
-        self.receive_pending = True
-        with contextlib.suppress(zmq.ZMQError):  # never connected, or left already
+        if endpoint in self._connected:
+            self._connected.remove(endpoint)
+            self.receive_pending = True
             self._socket.disconnect(endpoint)
 
     def receive(self) -> list[bytes]:
