@@ -91,7 +91,7 @@ class GraphReader:
     @property
     def file_descriptors(self) -> tuple[int, ...]:
         """Become readable when :meth:`receive` has something to do; none where it may have already."""
-        return () if self._subscriber.is_stirred else (self._subscriber.file_descriptor,)
+        return () if self._subscriber.receive_pending else (self._subscriber.file_descriptor,)
 
     def server(self, name: str) -> str:
         """Return where a topic's publisher answers since it moved; "" if it has not."""

@@ -224,7 +224,9 @@ def _edge_rows(old: NodeHealth | None, node: NodeHealth, span_s: float | None) -
         known = before.get(edge.topic)
         has_latency = edge.received_count > 0 and edge.latency_max_s > 0
         counts: dict[str, Any] = {name: getattr(edge, f"{name}_count") for name in _COUNTS}
-        latencies = {name: getattr(edge, name) if has_latency else None for name in _LATENCIES}
+        latencies: dict[str, Any] = {
+            name: getattr(edge, name) if has_latency else None for name in _LATENCIES
+        }
         yield EdgeRow(
             topic=edge.topic,
             reader=f"/{node.node}",
