@@ -129,11 +129,6 @@ def test_only_a_ring_that_never_moves_keeps_its_landing_from_trial_to_trial() ->
     assert np.array_equal(moving[0], moving[1])
 
 
-def test_ten_thousand_trials_are_one_batch() -> None:
-    many = Conditions(trials=3334, max_probes=5)
-    assert ended(many, (8, 0), "fixed_16", stop=FixedNumber(5))["fixed_16"].correct.size == 10_002
-
-
 def test_conditions_that_cannot_be_are_refused() -> None:
     with pytest.raises(PalpError, match="no distribution 'none'; use one of uniform, normal"):
         Conditions(distribution="none")
