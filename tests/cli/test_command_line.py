@@ -34,7 +34,7 @@ COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
         2,
         ("looked in: palp itself, as {here} has no folder msgs and no graph runs", "--workspace DIR"),
     ),
-    (("bag", "info", "node.py"), 2, ("node.py: no bag, but another kind of file; give a bag's folder",)),
+    (("bag", "info", "node.py"), 2, ("node.py: not a bag; give a bag's folder",)),
     (("bag", "info", "torn.mcap"), 2, ("palp bag recover",)),
 ]
 """Words, exit status, and what is printed."""

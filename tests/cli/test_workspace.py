@@ -117,9 +117,9 @@ def test_the_rig_can_be_copied_and_the_check_says_what_was_changed_in_it(
         (("init", "x", "--rig", "--minimal"), "one or the other"),
         (("new", "node", "grip"), "no workspace here: "),
         (("new", "node", "class"), "'class' is a word of Python"),
-        (("new", "node", "9a"), "'9a' is no name"),
-        (("new", "message", "a/b"), "'a/b' is no name"),
-        (("new", "policy", "../x"), "'../x' is no name"),
+        (("new", "node", "9a"), "'9a' is not a name"),
+        (("new", "message", "a/b"), "'a/b' is not a name"),
+        (("new", "policy", "../x"), "'../x' is not a name"),
     ],
 )
 def test_what_cannot_be_written_is_refused(at: Path, palp: Palp, words: tuple[str, ...], text: str) -> None:

@@ -69,7 +69,7 @@ def since(text: str) -> datetime:
         return _meant(text, now)
     except (ValueError, OverflowError):  # the second: further away than the calendar reaches
         raise PalpError(
-            f"'{text}' is no time; write 30s, 5m, 2h or 1d ago, 14:30 of today or else of yesterday, "
+            f"'{text}' is not a time; write 30s, 5m, 2h or 1d ago, 14:30 of today or else of yesterday, "
             "or 2026-01-31T14:30"
         ) from None
 

@@ -82,7 +82,7 @@ NO_TIMES = ["yesterday", "999999d", "9" * 400 + "s", "2026", "0001-01-01T00:00+1
 
 @pytest.mark.parametrize("text", NO_TIMES)
 def test_what_is_no_time_is_refused_with_an_example(text: str) -> None:
-    with pytest.raises(PalpError, match="is no time; write 30s"):
+    with pytest.raises(PalpError, match="is not a time; write 30s"):
         since(text)
 
 

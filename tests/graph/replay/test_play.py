@@ -287,7 +287,7 @@ def test_what_is_wrong_with_a_bag_in_a_launch_file_has_its_line(tmp_path: Path) 
 def test_wrong_words_are_refused_with_what_would_be_right(palp: Palp, recorded: tuple[Path, Path]) -> None:
     bag, _ = recorded
     wrong = (
-        (("-m", "/source/sample"), "is no remapping; write /node/port:=/other/port"),
+        (("-m", "/source/sample"), "is not a remapping; write /node/port:=/other/port"),
         (("-m", "/no/such:=/a/b"), "/no/such is not among the topics that are played: /relay/amplified"),
         (("-m", "/source/sample:=/relay/amplified"), "two topics would be called /relay/amplified"),
         (("-t", "/sauce/sample"), "no topic '/sauce/sample'; did you mean '/source/sample'?"),

@@ -162,7 +162,7 @@ def _names(bag: Bag, chosen: Callable[[str], bool], remap: list[str]) -> dict[st
     for rule in remap:
         old, separator, new = rule.partition(":=")
         if not separator or len(new.split("/")) != 3 or not new.startswith("/"):
-            raise BagError(f"'{rule}' is no remapping; write /node/port:=/other/port")
+            raise BagError(f"'{rule}' is not a remapping; write /node/port:=/other/port")
         if old not in names:
             raise BagError(f"'{rule}': {old} is not among the topics that are played: {', '.join(names)}")
         names[old] = new

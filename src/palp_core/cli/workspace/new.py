@@ -181,7 +181,7 @@ def named(word: str) -> Named:
     """
     if not _NAME.fullmatch(word):
         raise GraphError(
-            f"'{word}' is no name: begin with a letter, then letters, digits and _, as in grip_force"
+            f"'{word}' is not a name; begin with a letter, then letters, digits and _, as in grip_force"
         )
     module = _HUMP.sub("_", word).lower().strip("_")
     class_name = "".join(part[:1].upper() + part[1:] for part in module.split("_"))

@@ -12,8 +12,8 @@ import msgspec
 from palp_core.errors import BagError
 from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign
-from palp_core.graph.bag.mcap.chunk import Compression
-from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.edit import copy_messages
+from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.stream import Stream, decoder_for
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.schema_reader import fields_of, is_array
@@ -40,26 +40,28 @@ def writing(bag: str | Path, out: str | Path) -> AbstractContextManager[object]:
     return catch_foreign(f"{out} cannot be written", BagError, f"it lacks a part of {bag}: remove it")
 
 
-def write_json(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> int:
+def write_json(bag: str | Path, out: str | Path) -> int:
     """Write a bag of JSON messages; arrays become lists of numbers.
 
     JSON has no NaN and no infinity: they become null.
     """
-    ways: dict[int, tuple[Stream, int, Callable[[bytes], Any]]] = {}
-    count = 0
-    with Bag(bag) as opened, BagWriter(out, compression=compression) as writer:
+    ways: dict[
+        int, tuple[Stream, Callable[[bytes], Any]]
+    ] = {}  # by identity: streams live as long as the bag
+
+    def as_json(message: RecordedMessage) -> RecordedMessage:
+        stream = message.stream
+        if id(stream) not in ways:
+            topic = msgspec.structs.replace(stream.topic, json_schema=json_form(stream.topic.json_schema))
+            converted = msgspec.structs.replace(stream, topic=topic, encoding="json")
+            ways[id(stream)] = converted, decoder_for(stream)
+        converted, decode = ways[id(stream)]
+        return message._replace(stream=converted, payload=msgspec.json.encode(plain(decode(message.payload))))
+
+    with Bag(bag) as opened, BagWriter(out) as writer:
         for name, data in opened.attachments().items():
             writer.attach(name, data)
-        for stream, sequence, log_ns, publish_ns, payload in opened.recorded():
-            way = ways.get(id(stream))
-            if way is None:
-                topic = msgspec.structs.replace(stream.topic, json_schema=json_form(stream.topic.json_schema))
-                converted = msgspec.structs.replace(stream, topic=topic, encoding="json")
-                way = ways[id(stream)] = (stream, writer.stream(converted), decoder_for(stream))
-            text = msgspec.json.encode(plain(way[2](payload)))
-            writer.write(way[1], sequence, log_ns, publish_ns, text)
-            count += 1
-    return count
+        return copy_messages(map(as_json, opened.recorded()), writer)
 
 
 def json_form(schema: dict[str, Any]) -> dict[str, Any]:

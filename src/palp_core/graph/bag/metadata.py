@@ -79,7 +79,7 @@ def bag_files(path: Path) -> list[Path]:
     """
     if path.is_file():
         if path.suffix != ".mcap" and not _begins_as_mcap(path):
-            raise BagError(f"{path}: no bag, but another kind of file; give a bag's folder or an .mcap file")
+            raise BagError(f"{path}: not a bag; give a bag's folder or an .mcap file")
         return [path]
     if not path.is_dir():
         raise BagError(f"{path}: no such bag; give a bag's folder or an .mcap file")

@@ -16,6 +16,7 @@ from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic, topic_of
 
+_DATA = int(Kind.DATA)  # an enum costs a comparison in Python
 SUMMARY_NAME, RECOVERED_NAME = "palp/recording.json", "palp/recovered.json"
 
 
@@ -98,7 +99,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._accounts: dict[str, TopicAccount] = {}
         self._from_start = from_start
         self._left_out: set[str] = set()
-        self._streams: dict[tuple[str, int, int, int], int] = {}
+        self._routes: dict[tuple[str, int, int, int], tuple[EpochAccount, int]] = {}
         self._refused: dict[str, int] = {}
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
@@ -137,21 +138,23 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         except SchemaMismatch:
             self._unreadable += 1
             return
-        account = self._account_of(parsed.topic)
-        if account is None:
+        name, kind, number, sequence, stamp_ns, type_hash, payload = parsed
+        if kind != _DATA:
+            account = self._account_of(name)
+            if account is not None:
+                self._look_for_gap(name, account.epoch(number), sequence)
+                account.epoch(number).expect(sequence)
             return
-        epoch, sequence = account.epoch(parsed.epoch), parsed.sequence
-        last = sequence - (parsed.kind == Kind.DATA)
-        if epoch.next is not None and last >= epoch.next:
-            self.missed(parsed.topic, parsed.epoch, epoch.next, last)
-        if parsed.kind != Kind.DATA:
-            epoch.expect(sequence)
+        route = self._routes.get((name, number, type_hash, sequence >> 32)) or self._open_route(parsed)
+        if route is None:
             return
-        stream = self._stream_of(parsed)
+        epoch, stream = route
+        if sequence != epoch.next:
+            self._look_for_gap(name, epoch, sequence - 1)
         try:
-            self._writer.write(stream, sequence, now_ns, parsed.stamp_ns, parsed.payload)
+            self._writer.write(stream, sequence, now_ns, stamp_ns, payload)
         except BagError:
-            self._refused[parsed.topic] = self._refused.get(parsed.topic, 0) + 1
+            self._refused[name] = self._refused.get(name, 0) + 1
             epoch.expect(sequence)
         else:
             epoch.add(sequence)
@@ -203,20 +206,28 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
             self._accounts[topic] = TopicAccount(from_start=self._from_start)
         return self._accounts[topic]
 
-    def _stream_of(self, frame: Frame) -> int:
-        """Return the number of the stream that a message belongs to."""
-        key = (frame.topic, frame.epoch, frame.type_hash, frame.sequence >> 32)
-        number = self._streams.get(key)
-        if number is None:
-            topic = self._topics.get(frame.topic) or _builtin(frame.topic, frame.type_hash)
-            if topic is not None:
-                self._topics[frame.topic] = topic
-            type_hash = f"{frame.type_hash:016x}"
-            if topic is None or (topic.type_hash and topic.type_hash != type_hash):
-                topic = Topic(name=frame.topic, type_hash=type_hash)
-            stream = Stream(topic=topic, epoch=frame.epoch, sequence_high=frame.sequence >> 32)
-            number = self._streams[key] = self._writer.stream(stream)
-        return number
+    def _open_route(self, frame: Frame) -> tuple[EpochAccount, int] | None:
+        """Return account and stream of a kind of message that is new, if its topic is recorded."""
+        account = self._account_of(frame.topic)
+        if account is None:
+            return None
+        topic = self._topics.get(frame.topic) or _builtin(frame.topic, frame.type_hash)
+        if topic is not None:
+            self._topics[frame.topic] = topic
+        type_hash, high = f"{frame.type_hash:016x}", frame.sequence >> 32
+        if topic is None or (topic.type_hash and topic.type_hash != type_hash):
+            topic = Topic(name=frame.topic, type_hash=type_hash)
+        stream = self._writer.stream(Stream(topic=topic, epoch=frame.epoch, sequence_high=high))
+        route = self._routes[frame.topic, frame.epoch, frame.type_hash, high] = (
+            account.epoch(frame.epoch),
+            stream,
+        )
+        return route
+
+    def _look_for_gap(self, topic: str, epoch: EpochAccount, last: int) -> None:
+        """Report what is missing up to a sequence, before it is in the account."""
+        if epoch.next is not None and last >= epoch.next:
+            self.missed(topic, epoch.epoch, epoch.next, last)
 
 
 def _builtin(name: str, type_hash: int) -> Topic | None:

@@ -30,7 +30,7 @@ def decoded(payload: bytes | memoryview, schema: dict[str, Any]) -> dict[str, An
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise GraphError(f"a {schema.get('title', 'message')} that is not msgpack: {error}") from error
     if not isinstance(message, dict):
-        raise GraphError(f"a {schema.get('title', 'message')} that is no map but {type(message).__name__}")
+        raise GraphError(f"a {schema.get('title', 'message')} that is not a map but {type(message).__name__}")
     plain: dict[str, Any] = readable(message, schema)
     return plain
 
@@ -62,7 +62,7 @@ def parse_path(text: str, schema: dict[str, Any]) -> Path:
         name, index = match.groups()
         steps.append(int(index) if name is None else name)
     if not steps or end != len(text):
-        raise GraphError(f"'{text}' is no field; write it as in a.b or a[0].b")
+        raise GraphError(f"'{text}' is not a field; write it as in a.b or a[0].b")
     at, title = schema, schema.get("title", "the message")
     for step in steps:
         if isinstance(step, int):

@@ -51,7 +51,7 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     lease_ms: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no policy where it is written, not where it is used."""
+        """Refuse a wrong policy where it is written, not where it is used."""
         for name, policy in POLICIES.items():
             value, words = getattr(self, name), _WORDS.get(name)
             if words is not None:

@@ -136,7 +136,7 @@ def _define(found: Definitions, known: Definitions, connection: Any) -> None:
     elif name in known:
         found.add({name: known.text(name)})
     else:
-        raise BagError(f"the bag does not define {name}, which is none of ROS 2's own types")
+        raise BagError(f"the bag does not define {name}, and it is not one of ROS 2's own types")
     if name not in found:
         raise BagError(f"the bag's definition of {name} is of another type")
 
