@@ -46,7 +46,7 @@ def test_after_the_palpation_nothing_is_due() -> None:
     assert len(bench.sent(Emg.block)) == count
 
 
-@pytest.mark.parametrize(("block_samples", "palpation_s"), [(10, 0.0), (77, 0.3), (900, 0.99)])
+@pytest.mark.parametrize(("block_samples", "palpation_s"), [(31, 0.0), (900, 0.99)])
 def test_neither_the_blocks_nor_the_end_of_the_palpation_change_or_lose_a_sample(
     block_samples: int, palpation_s: float
 ) -> None:

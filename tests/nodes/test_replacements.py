@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from msgs.actuator import RingTruth
+from msgs.emg import EmgBlock
 from msgs.stage import StagePose, SweepGoal
 from msgs.torque import Contact
 from nodes.actuator import Actuator
@@ -51,12 +53,17 @@ def muscles(begin_s: float, end_s: float) -> Feed:
     """Feed the simulated muscles' blocks of a span of time."""
 
     def feed_blocks(bench: Bench[Any]) -> None:
-        source = Bench(Emg, seed=4)
-        source.advance(end_s)
-        blocks = [block for block in source.sent(Emg.block) if block.start_ns >= begin_s * 1e9]
+        blocks = [block for block in recorded() if begin_s * 1e9 <= block.start_ns < end_s * 1e9]
         bench.feed(Cocontraction.emg, *blocks)
 
     return feed_blocks
+
+
+@functools.cache
+def recorded() -> list[EmgBlock]:
+    source = Bench(Emg, seed=4)
+    source.advance(16.0)
+    return source.sent(Emg.block)
 
 
 POSE = StagePose(stamp_ns=0, goal_id=9, start_ns=0, rate_hz=100.0, position_m=PATH_M)
@@ -81,7 +88,7 @@ CASES: list[tuple[type[Node], dict[str, Any], list[Feed], list[Feed]]] = [
         [feed(Phantom.pose, POSE), feed(Phantom.mount, mount("A", 1))],
     ),
     (Emg, {"palpation_s": 2.0}, [wait(9.73)], [wait(10.0)]),
-    (Cocontraction, {}, [muscles(0.0, 12.5)], [muscles(12.5, 20.0)]),
+    (Cocontraction, {}, [muscles(0.0, 12.5)], [muscles(12.5, 16.0)]),
 ]
 
 
