@@ -28,8 +28,13 @@ from palp_core.palpation.devices.sim.ring import SimRing
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
 SIM_OPTIONS: dict[str, dict[str, Any]] = {"emg": {"matrix": [[0.2] * 5] * 5}, "stage": {"lift_m": 0.002}}
 EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cut short has seconds of time
-    "stage": {"lift_m": 0.002, "sweep_speed_m_per_s": 0.001, "return_speed_m_per_s": 0.005},
-    "ring": {"speed_m_per_s": 1.25e-3},
+    "stage": {
+        "lift_m": 0.002,
+        "sweep_speed_m_per_s": 0.001,
+        "return_speed_m_per_s": 0.005,
+        "poll_hz": 20.0,
+    },
+    "ring": {"speed_m_per_s": 1.25e-3, "poll_hz": 20.0},
 }
 
 

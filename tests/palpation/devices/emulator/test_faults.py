@@ -30,8 +30,8 @@ Start = Callable[..., EmulatedRig]
 # Four to forty times the drivers' own deadlines: silence comes of the fault, not of a busy host. How soon a
 # fault is named with the drivers' own is measured by the benchmark of the devices.
 PATIENT: dict[str, dict[str, Any]] = {
-    "aerotech": {"stale_s": 1.0, "timeout_s": 1.0},
-    "maestro": {"stale_s": 1.0, "timeout_s": 0.4, "stall_s": 2.0},
+    "aerotech": {"stale_s": 1.0, "timeout_s": 1.0, "poll_hz": 20.0},
+    "maestro": {"stale_s": 1.0, "timeout_s": 0.4, "stall_s": 2.0, "poll_hz": 20.0},
     "ati": {"stale_s": 1.0, "timeout_s": 4.0, "lost_s": 2.0, "rate_hz": 100.0, "gap_s": 0.03},
     "noraxon": {"stale_s": 1.0, "timeout_s": 2.0},
     "lsl": {"stale_s": 1.0, "find_s": 20.0},
