@@ -122,6 +122,7 @@ class RigActuator(RingNode):
     def _recover(self, count: int) -> None:
         """Leave a stall or a reported error behind, which a person has acknowledged."""
         self.state.acknowledged_count = count
+        self.state.moving = False  # a device may have stopped by itself, between two beats that permit
         try:
             if self.closed or self.device.health(self.now_ns()).condition is Condition.LINK_LOST:
                 self.device.close()

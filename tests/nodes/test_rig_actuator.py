@@ -144,6 +144,14 @@ def test_at_a_trip_it_holds_and_afterwards_goes_on(permitted: Permitted) -> None
     assert permitted.device.calls[-1] == "go 8"
 
 
+def test_a_device_that_stopped_by_itself_goes_on_after_the_acknowledgement(permitted: Permitted) -> None:
+    permitted.run(0.1)
+    permitted.send(1, 8.0)
+    permitted.run(0.1)
+    permitted.run(0.1, "ready", count=1)  # no beat between them withheld permission
+    assert permitted.device.calls[1:] == ["go 8", "acknowledge", "go 8"]
+
+
 def test_it_holds_without_a_heartbeat(permitted: Permitted) -> None:
     permitted.run(0.1)
     permitted.send(1, 8.0)
