@@ -13,12 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app
-from palp_core.methods import find, measured, register
-from palp_core.methods.measured import cpu_s, measure_of, measured_tasks, slowness
+from palp_core.methods import measured, register
+from palp_core.methods.measured import cpu_s, measure_of, measured_tasks
 from palp_core.palpation.mechanics import Scene
-
-FACTOR = 3.0
-"""Off by more a cost is stale; off by less is another processor, faster with arrays than with words."""
 
 
 @pytest.fixture
@@ -44,10 +41,17 @@ def test_the_table_has_every_method_its_bound_and_what_is_chosen() -> None:
     assert done.exit_code == 0, done.output
     head, columns, *rows = filter(None, done.stdout.splitlines())
     assert head.startswith("toy: error of answer against CPU time of a toy")
-    assert columns.split() == ["method", "setting", "cost", "error", "bound", "mark"]
+    assert columns.split() == ["method", "setting", "cost", "stated", "error", "bound", "mark"]
     wrong, quick, coarse, slow, finest = rows
     assert "gave no answer" in wrong
-    assert quick.split() == ["quick", "200", "ms", "4.0%", "5.0%", "chosen"]  # the later, finer held
+    assert quick.split()[:3] + quick.split()[5:] == [
+        "quick",
+        "200",
+        "ms",
+        "4.0%",
+        "5.0%",
+        "chosen",
+    ]  # the later, finer held
     assert coarse.split()[1] == "coarse"
     assert slow.split()[0] == "slow"
     assert "finest, the reference" in finest
@@ -133,16 +137,3 @@ def test_a_first_call_that_loads_modules_is_not_what_a_call_costs(monkeypatch: p
         monkeypatch.setitem(sys.modules, "of_a_test", sys)
 
     assert cpu_s(action, clock=lambda: now_ns[0]) == 1e-3
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("task", measured_tasks())
-def test_stated_costs_are_measured_ones(task: str) -> None:
-    costs = {
-        one.method: one.cost_s / slowness() / find(task, one.method).cost_s
-        for one in measure_of(task)(Scene())
-        if one.usual and not one.condition
-    }
-    assert costs
-    stale = {name: round(ratio, 2) for name, ratio in costs.items() if not 1 / FACTOR < ratio < FACTOR}
-    assert not stale, f"measured over stated: {stale}"

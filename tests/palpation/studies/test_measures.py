@@ -19,7 +19,7 @@ ONE_RING = Scene(ring_m=(0.016,))
 
 @pytest.fixture
 def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run what is timed once: costs are held by ``tests/methods/test_declared_costs.py``."""
+    """Run what is timed once: ``palp methods measure`` shows costs."""
 
     def once(action: Callable[[], object], **_: object) -> float:
         action()

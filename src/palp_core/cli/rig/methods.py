@@ -168,7 +168,7 @@ def measure(
     else:
         for choice in _choices(names, given):
             print_text(f"{choice.task.name}: error of {choice.output} against CPU time of {choice.task.per}")
-            heads = ("method", "setting", "cost", "error", "bound", "mark")
+            heads = ("method", "setting", "cost", "stated", "error", "bound", "mark")
             print_table([heads, *_measured_rows(choice, survey.points)])
             print_text("")
         _note_slowness()
@@ -181,17 +181,19 @@ def measure(
 def _measured_rows(choice: TaskChoice, points: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
     """Give a row per point of the output that is asked for, or one for a method that was not measured."""
     from palp_core.methods.choice import amount, seconds
+    from palp_core.methods.measured import slowness
 
     for method, offer in choice.declared():
         bound = "-" if offer.bound is None else amount(offer.bound, choice.output)
         key = choice.task.name, method.name, choice.output
+        stated = seconds(method.cost_s * slowness())
         own = [one for one in points if (one.task, one.method, one.output) == key]
         if not own:
-            yield method.name, "", "not measured", "", bound, offer.mark
+            yield method.name, "", "not measured", stated, "", bound, offer.mark
         for one in own:
             setting = ", ".join(filter(None, (one.setting, one.condition)))
             error = one.fails or amount(one.error, one.output)
-            yield method.name, setting, seconds(one.cost_s), error, bound, offer.mark
+            yield method.name, setting, seconds(one.cost_s), stated, error, bound, offer.mark
 
 
 def why(
