@@ -457,7 +457,7 @@ METHODS = [
         task="burst",
         name="two_thresholds",
         place=f"{_HERE}.emg.bursts:BurstRule",
-        cost_s=2e-4,
+        cost_s=1e-4,
         bounds=[Bound("contraction", 0.01)],
         evidence="tests/benchmarks/test_emg_known.py; benchmarks/emg_bursts.py: simulated EMG whose "
         "contractions are known",

@@ -12,7 +12,7 @@ import numpy as np
 
 from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.perception.belief.primitives import Primitives, fit_cells, quantisation_sd
 from palp_core.palpation.session.audit import TrialKey, left_out
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
@@ -174,15 +174,8 @@ def _primitives(folder: Path, rows: Sequence[Row]) -> Primitives | None:
     training = [row for row in rows if row.phase == "training"]
     if not training:
         return None
-    depths_m, rings_m = sorted({row.depth_m for row in training}), sorted({row.ring_m for row in training})
+    readings = [(row.depth_m, row.ring_m, row.peak_n_m) for row in training]
     try:
-        return fit(
-            np.array([row.peak_n_m for row in training]),
-            [depths_m.index(row.depth_m) for row in training],
-            [rings_m.index(row.ring_m) for row in training],
-            depths_m=depths_m,
-            rings_m=rings_m,
-            floor=quantisation_sd(RESOLUTION_N_M),  # where none was recorded
-        )
+        return fit_cells(readings, quantisation_sd(RESOLUTION_N_M))  # where no floor was recorded
     except PerceptionError:
         return None

@@ -73,7 +73,7 @@ def test_a_batch_goes_where_its_trials_go(policy: StiffnessPolicy, seed: int) ->
 
 def test_the_column_reading_follows_the_columns() -> None:
     policy = MarkovPolicy()
-    levels = np.array([s.level for s in _walk(policy, 1, 20_000)])
+    levels = np.array([s.level for s in _walk(policy, 1, 8_000)])
     seen = np.zeros((5, 5))
     np.add.at(seen, (levels[1:], levels[:-1]), 1.0)
     visited = seen.sum(axis=0) > 400
