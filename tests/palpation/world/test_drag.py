@@ -63,7 +63,7 @@ def test_a_bead_beside_the_path_is_felt_at_its_distance(felt: Touch) -> None:
 def test_the_run_in_is_that_of_a_joint_in_motion(felt: Touch) -> None:
     """Against implicit friction and inertia in time, from rest, at a fifth of the speed."""
     moved = simulate(
-        felt.models[1], PROBE, [0.016], 0.004, -0.03, -0.0135, 0.004, Dynamics(step_s=1e-3), at_rest=True
+        felt.models[1], PROBE, [0.016], 0.004, -0.03, -0.0135, 0.004, Dynamics(step_s=2e-3), at_rest=True
     )
     stage_m = np.arange(-0.03, -0.0136, 0.00025)
     found = drag(felt, latents(), RINGS_M[1:], 0.004, stage_m)

@@ -37,7 +37,7 @@ def test_a_joint_in_motion_sticks_and_slips_where_that_is_predicted(
     felt: Touch, swept: tuple[Joints, Dragged], excess: float, hums: tuple[bool, bool]
 ) -> None:
     """Time-stepped with static friction, from rest, long after it broke loose."""
-    dynamics = Dynamics(step_s=2e-4, static_friction=PROBE.friction * (1.0 + excess))
+    dynamics = Dynamics(step_s=4e-4, static_friction=PROBE.friction * (1.0 + excess))
     moved = simulate(felt.models[0], PROBE, RINGS_M, 0.004, -0.03, -0.0005, SPEED_M_S, dynamics, at_rest=True)
     known = stick_slip(*swept, excess, SPEED_M_S)
     late = moved.stage_m > -0.0045

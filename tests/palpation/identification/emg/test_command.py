@@ -42,9 +42,11 @@ def subject(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return both[:, :split], both[:, split:]
 
 
-def write(path: Path, both: np.ndarray) -> Path:
+def write(path: Path, both: np.ndarray, factor: float = 1e6, unit: str = "uV") -> Path:
+    """Write an archive, which is read in a fraction of the time that text takes."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savetxt(path, 1e6 * both.T, fmt="%.6f", delimiter=",", header="fds (uV),edc (uV)", comments="")
+    names = [f"{name} ({unit})" if unit else name for name in ("fds", "edc")]
+    np.savez(path, **dict(zip(names, factor * both, strict=True)))
     return path
 
 
@@ -56,7 +58,7 @@ def run(*arguments: object) -> Any:
 def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     mvc, trial = subject(0)
     folder = tmp_path_factory.mktemp("recording")
-    return write(folder / "trial.csv", trial), write(folder / "mvc.csv", mvc)
+    return write(folder / "trial.npz", trial), write(folder / "mvc.npz", mvc)
 
 
 def test_a_trial_is_analysed_as_the_library_does(recording: tuple[Path, Path], tmp_path: Path) -> None:
@@ -105,12 +107,12 @@ def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
     root, out = tmp_path / "study", tmp_path / "out"
     for number, name in enumerate(("s1", "s2")):
         mvc, trial = subject(number)
-        write(root / name / "mvc.csv", mvc)
-        write(root / name / "training" / "01.csv", trial[:, :9000])
-        write(root / name / "estimation" / "01.csv", trial[:, 9000:])
+        write(root / name / "mvc.npz", mvc)
+        write(root / name / "training" / "01.npz", trial[:, :9000])
+        write(root / name / "estimation" / "01.npz", trial[:, 9000:])
     holed = subject(0)[1].copy()
     holed[:, 3000:3300] = np.nan
-    write(root / "s1" / "training" / "02.csv", holed)
+    write(root / "s1" / "training" / "02.npz", holed)
     (root / "s2" / "training" / "02.csv").write_text("no numbers\n")
     result = run("analyse", root, "--fs", 1500, "--out", out, "--json")
     assert result.exit_code == 1
@@ -198,8 +200,7 @@ def test_a_bag_that_is_no_one_recording_is_refused(
 
 def test_units_and_rates_that_do_not_fit_are_refused(recording: tuple[Path, Path], tmp_path: Path) -> None:
     mvc, _ = subject(0)
-    other = tmp_path / "mvc.csv"
-    np.savetxt(other, mvc.T, delimiter=",", header="fds (counts),edc (counts)", comments="")
+    other = write(tmp_path / "counts.npz", mvc, 1.0, "counts")
     with pytest.raises(PalpError, match="is in counts, the trial is in V; state the unit of both"):
         run("analyse", recording[0], "--fs", 1500, "--mvc", other)
     np.savez(tmp_path / "mvc.npz", fds=mvc[0], edc=mvc[1], fs=1000.0)
@@ -208,23 +209,17 @@ def test_units_and_rates_that_do_not_fit_are_refused(recording: tuple[Path, Path
         run("analyse", tmp_path / "trial.npz", "--mvc", tmp_path / "mvc.npz")
 
 
-def in_unit(path: Path, both: np.ndarray, factor: float, unit: str) -> Path:
-    heading = ",".join(f"{name} ({unit})" if unit else name for name in ("fds", "edc"))
-    np.savetxt(path, factor * both.T, fmt="%.9g", delimiter=",", header=heading, comments="")
-    return path
-
-
 @pytest.mark.parametrize(("factor", "unit"), [(1e6, "mV"), (1.0, "uV")])
 def test_a_unit_that_the_numbers_contradict_is_refused_until_the_user_states_it(
     tmp_path: Path, factor: float, unit: str
 ) -> None:
     mvc, trial = subject(0)
-    files = [in_unit(tmp_path / name, one, factor, unit) for name, one in (("t.csv", trial), ("m.csv", mvc))]
+    files = [write(tmp_path / name, one, factor, unit) for name, one in (("t.npz", trial), ("m.npz", mvc))]
     true = {1.0: "V", 1e6: "uV"}[factor]
     asked = ("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json")
-    with pytest.raises(PalpError, match=rf"t\.csv: says {unit}, but .* --unit"):
+    with pytest.raises(PalpError, match=rf"t\.npz: says {unit}, but .* --unit"):
         run(*asked)
-    with pytest.raises(PalpError, match=r"t\.csv: says .* --unit"):
+    with pytest.raises(PalpError, match=r"t\.npz: says .* --unit"):
         run("import", files[0], "--fs", 1500, "--dry-run")
     found = json.loads(run(*asked, "--unit", true).stdout)
     expected = analyse(trial, mvc, EmgSettings(rate_hz=1500.0))
@@ -240,7 +235,7 @@ def test_a_unit_that_the_numbers_contradict_is_refused_until_the_user_states_it(
 def test_an_amplifiers_output_in_volts_and_true_units_pass(tmp_path: Path, unit: str) -> None:
     mvc, trial = subject(0)
     factor = {"V": 1e3, "": 1e6}[unit]
-    files = [in_unit(tmp_path / name, one, factor, unit) for name, one in (("t.csv", trial), ("m.csv", mvc))]
+    files = [write(tmp_path / name, one, factor, unit) for name, one in (("t.npz", trial), ("m.npz", mvc))]
     found = json.loads(run("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json").stdout)
     assert found["flags"] == []
 
@@ -250,10 +245,10 @@ def test_an_mvc_in_another_unit_than_the_trial_is_refused(
     tmp_path: Path, of_trial: float, of_mvc: float
 ) -> None:
     mvc, trial = subject(0)
-    trial_file = in_unit(tmp_path / "t.csv", trial, of_trial, "")
-    mvc_file = in_unit(tmp_path / "m.csv", mvc, of_mvc, "")
+    trial_file = write(tmp_path / "t.npz", trial, of_trial, "")
+    mvc_file = write(tmp_path / "m.npz", mvc, of_mvc, "")
     asked = ("analyse", trial_file, "--fs", 1500, "--mvc", mvc_file, "--json")
-    with pytest.raises(PalpError, match=r"m\.csv: this MVC is .* times as strong as .*t\.csv.* --unit"):
+    with pytest.raises(PalpError, match=r"m\.npz: this MVC is .* times as strong as .*t\.npz.* --unit"):
         run(*asked)
     flags = json.loads(run(*asked, "--unit", "uV").stdout)["flags"]
     assert ("above_mvc" in flags) == (of_trial > of_mvc)
@@ -261,23 +256,21 @@ def test_an_mvc_in_another_unit_than_the_trial_is_refused(
 
 def test_a_weak_trial_and_one_bad_electrode_are_flagged_and_not_refused(tmp_path: Path) -> None:
     mvc, trial = subject(0)
-    mvc_file = in_unit(tmp_path / "m.csv", mvc, 1e3, "mV")
-    weak = in_unit(tmp_path / "weak.csv", 5.0 * trial, 1e3, "mV")
+    mvc_file = write(tmp_path / "m.npz", mvc, 1e3, "mV")
+    weak = write(tmp_path / "weak.npz", 5.0 * trial, 1e3, "mV")
     found = json.loads(run("analyse", weak, "--fs", 1500, "--mvc", mvc_file, "--json").stdout)
     assert "above_mvc" in found["flags"]
     hum = trial + np.array([[0.0], [0.1]]) * np.sin(2 * np.pi * 500.0 * np.arange(trial.shape[1]) / 1500.0)
-    loose = in_unit(tmp_path / "loose.csv", hum, 1e3, "mV")
+    loose = write(tmp_path / "loose.npz", hum, 1e3, "mV")
     found = json.loads(run("analyse", loose, "--fs", 1500, "--mvc", mvc_file, "--json").stdout)
     assert "above_mvc" in found["flags"]
 
 
 def test_one_muscle_is_analysed_by_itself(recording: tuple[Path, Path], tmp_path: Path) -> None:
     trial, mvc = recording
-    files = []
-    for path in (trial, mvc):
-        both = np.loadtxt(path, delimiter=",", skiprows=1)
-        files.append(tmp_path / path.name)
-        np.savetxt(files[-1], both[:, 0], header="Labels:= EMG\nengineering units: uV")
+    files = [tmp_path / "trial.txt", tmp_path / "mvc.txt"]
+    for path, both in zip(files, reversed(subject(0)), strict=True):
+        np.savetxt(path, 1e6 * both[0], fmt="%.6f", header="Labels:= EMG\nengineering units: uV")
     asked = ["analyse", files[0], "--fs", 1500, "--mvc", files[1]]
     found = json.loads(run(*asked, "--out", tmp_path / "o", "--json").stdout)
     effort, samples = subject(0)

@@ -49,12 +49,12 @@ def run(*arguments: object) -> Any:
 def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("markov")
     mvc, _ = recording(figure5.matrices()[0], 1, 1.0)
-    np.savetxt(folder / "mvc.csv", mvc.T, delimiter=",", header="fds_v,edc_v", comments="")
-    made = [folder / "mvc.csv"]
+    np.savez(folder / "mvc.npz", fds_v=mvc[0], edc_v=mvc[1])
+    made = [folder / "mvc.npz"]
     for seed, (depth, depth_mm) in enumerate(((0, 2), (0, 2), (2, 8))):
-        path = folder / f"trial{seed}_{depth_mm}mm.csv"
+        path = folder / f"trial{seed}_{depth_mm}mm.npz"
         _, trial = recording(figure5.matrices()[depth], seed, 20.0)
-        np.savetxt(path, trial.T, delimiter=",", header="fds_v,edc_v", comments="")
+        np.savez(path, fds_v=trial[0], edc_v=trial[1])
         made.append(path)
     return made
 
@@ -118,7 +118,7 @@ def test_a_folder_of_subjects_is_pooled_and_a_bad_trial_fails_alone(
     mvc, first, second, _ = files
     phase = tmp_path / "s1" / "estimation"
     phase.mkdir(parents=True)
-    for source, name in ((mvc, "../mvc.csv"), (first, "a_2mm.csv"), (second, "b_2mm.csv")):
+    for source, name in ((mvc, "../mvc.npz"), (first, "a_2mm.npz"), (second, "b_2mm.npz")):
         (phase / name).write_bytes(source.read_bytes())
     (phase / "broken_2mm.csv").write_text("fds_v,edc_v\n1,2\n")
     result = run("fit-policy", tmp_path, "--fs", RATE_HZ, "--json")

@@ -20,7 +20,7 @@ def rng() -> np.random.Generator:
 
 
 @given(shares)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_an_interval_holds_its_mean_and_stays_where_the_value_can_lie(values: list[float]) -> None:
     found = cluster_bootstrap(values, rng(), resamples=400, within=(0.0, 1.0))
     assert 0.0 <= found.low <= found.value + 1e-12
@@ -28,7 +28,7 @@ def test_an_interval_holds_its_mean_and_stays_where_the_value_can_lie(values: li
     assert found.value == pytest.approx(np.mean(values))
 
 
-@pytest.mark.parametrize("count", [2, 4, 8, 20])
+@pytest.mark.parametrize("count", [2, 8])
 def test_the_interval_of_few_sessions_covers_as_often_as_it_says(count: int) -> None:
     hits = 0
     for seed in range(300):
