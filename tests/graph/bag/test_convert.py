@@ -66,7 +66,7 @@ def test_rosbags_reads_the_ros_2_bag(rich: Path, tmp_path: Path) -> None:
     ("schema", "words"),
     [
         ({"title": "A", "properties": {"Bad__Name": {"type": "integer"}}}, "lower case"),
-        ({"title": "A", "properties": {"x": {}}}, "cannot say this"),
+        ({"title": "A", "properties": {"x": {}}}, "cannot have this"),
         ({"properties": {}}, "without a title"),
         (
             {

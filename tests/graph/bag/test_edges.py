@@ -100,7 +100,7 @@ def test_schemas_become_types() -> None:
 def test_a_payload_that_is_not_its_type_is_named(tmp_path: Path, kit: Any) -> None:
     raw = kit.frame("/policy/mode", kit.Mode(stamp_ns=0, level=0.5), 1, 0)
     bag, _ = kit.record(tmp_path / "run", [(0, raw.replace(b"level", b"lever"))])
-    with pytest.raises(BagError, match="/policy/mode epoch 0 sequence 1: not what its schema says"):
+    with pytest.raises(BagError, match="/policy/mode epoch 0 sequence 1: not of its schema"):
         list(read(bag))
 
 

@@ -182,7 +182,7 @@ def _attachments(bag: Bag, problems: list[str]) -> dict[str, bytes]:
 
 
 def _json(attachments: dict[str, bytes], name: str, kind: type[T]) -> T | None:
-    """Return an attachment as what it says; None where there is none or another tool wrote it."""
+    """Return an attachment, decoded; None where there is none or another tool wrote it."""
     try:
         return msgspec.json.decode(attachments[name], type=kind)
     except (KeyError, msgspec.MsgspecError):

@@ -117,7 +117,7 @@ def _place(file: Path) -> tuple[int, str]:
 def named_files(folder: Path) -> dict[str, tuple[int, int] | None]:
     """Return first and last log time, ns, of each file that ``metadata.yaml`` names.
 
-    None where it does not say; damaged or foreign, it names no file.
+    None where it has no times; damaged or foreign, it names no file.
     """
     try:
         content = yaml.safe_load(read_whole(folder / FILE_NAME, _LARGEST_BYTES))[ROOT]

@@ -152,7 +152,7 @@ class Bag(AbstractContextManager["Bag"]):
                 value = decode(payload)
             except (msgspec.MsgspecError, ValueError) as error:
                 where = f"{self.path}: {name} epoch {epoch} sequence {sequence}"
-                raise BagError(f"{where}: not what its schema says: {error}") from error
+                raise BagError(f"{where}: not of its schema: {error}") from error
             yield BagMessage(name, epoch, sequence, log_ns, publish_ns, value)
 
     def attachments(self) -> dict[str, bytes]:
@@ -218,7 +218,7 @@ def read(
         One decoded message after another, in flat memory.
 
     Raises:
-        BagError: No such bag, no such topic, or a payload that is not what its schema says.
+        BagError: No such bag, no such topic, or a payload that is not of its schema.
         BagDamaged: The bytes are not what was written; all messages before them have been yielded.
     """
     with Bag(bag) as opened:

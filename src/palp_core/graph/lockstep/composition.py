@@ -191,7 +191,7 @@ class Composition:
 
 @contextlib.contextmanager
 def _failing(standby: Standby) -> Iterator[None]:
-    """Note what a node fails of, as its process would say it."""
+    """Note what a node fails of, as its process would report it."""
     try:
         yield
     except KeyboardInterrupt:

@@ -36,7 +36,7 @@ class DiagnosticStatus(Message):
     """The state of a node, as ROS 2's message of that name: published at its start and at each change.
 
     ``level`` is ``ok``, ``warn`` or ``error``: what is not ``ok`` stays in view until it is, in the launch
-    view, ``palp top`` and ``palp doctor``. ``text`` says what is wrong, ``advice`` what to do or type about
+    view, ``palp top`` and ``palp doctor``. ``text`` is what is wrong, ``advice`` what to do or type about
     it. A port for it is ``transient_local`` with ``depth=1``: a late reader gets the latest.
     """
 
@@ -112,7 +112,7 @@ class NodeEvent(Message):
     """Something that happened to a node: on its hidden topic ``/<node>/_events``.
 
     ``kind`` is ``parameters``, ``transition``, ``deadline``, ``lifespan``, ``liveliness``, ``message_lost``,
-    ``reader_overrun`` or ``call_timeout``; ``text`` says it to a person, ``data`` (JSON) to a machine.
+    ``reader_overrun`` or ``call_timeout``; ``text`` is for a person, ``data`` (JSON) for a machine.
     """
 
     stamp_ns: Nanoseconds

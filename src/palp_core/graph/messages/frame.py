@@ -37,7 +37,7 @@ class Kind(IntEnum):
     DATA = 0
     HEARTBEAT = 1  # sequence is the last one published; payload: see former_of
     MOVED = 2  # payload is the new endpoint; sequence is the last one published here
-    IDLE = 3  # a heartbeat that says: nothing is due until the next message
+    IDLE = 3  # a heartbeat: nothing is due until the next message
 
 
 class Frame(NamedTuple):

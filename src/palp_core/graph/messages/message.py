@@ -24,7 +24,7 @@ class Message(msgspec.Struct, metaclass=MessageMeta):
     """Base of every message: frozen, keyword-only, SI units in the field names.
 
     Fields may be bool, int, float, str, bytes, a unit alias of :mod:`palp_core.units`, a list of those,
-    another message or a list of messages: what a ROS ``.msg`` can say, and no more. Two messages are equal
+    another message or a list of messages: what a ROS ``.msg`` can have, and no more. Two messages are equal
     when their encoded bytes are.
     """
 

@@ -72,7 +72,7 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 class Policy(NamedTuple):
     """How both ends of an edge come to terms about one policy."""
 
-    # says of what is requested and what is offered why it cannot be kept, or None
+    # returns why an offer cannot serve a request, or None
     conflict: Callable[[Any, Any], str | None] = lambda _requested, _offered: None
     # returns what holds between the two
     on_edge: Callable[[Any, Any], Any] = lambda requested, _offered: requested
@@ -165,5 +165,5 @@ def strictest(asked: list[Qos]) -> Qos:
 
 
 def events_of(qos: Qos) -> list[EventKind]:
-    """Return the events that can come of what is stated, each of which says that it was not kept."""
+    """Return the events that can come of what is stated, each of which reports that it was not kept."""
     return [p.event for name, p in POLICIES.items() if p.event is not None and getattr(qos, name)]

@@ -1,4 +1,4 @@
-"""What the JSON Schema of a message says: the one place that reads it, and that writes ``.msg`` text.
+"""Read the JSON Schema of a message, and write its ``.msg`` text: nothing else does.
 
 A schema may be another tool's: it may have maps, fields of any kind, and what is refused.
 """
@@ -119,5 +119,5 @@ def ros_type(name: str, schema: JsonSchema, type_name: Callable[[JsonSchema], st
         if not inner.endswith("[]"):
             return f"{inner}[]"
     if kind in (FieldKind.LIST, FieldKind.MAP, FieldKind.ANY):
-        raise SchemaMismatch(f"{name}: a ROS message cannot say this: {schema}")
+        raise SchemaMismatch(f"{name}: a ROS message cannot have this: {schema}")
     return kind.value

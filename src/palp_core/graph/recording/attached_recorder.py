@@ -28,11 +28,11 @@ PLACE = "recorder-"
 
 
 def record_until_asked(
-    graph: RunningGraph, params: RecorderParams, say: Callable[[str], None]
+    graph: RunningGraph, params: RecorderParams, note: Callable[[str], None]
 ) -> tuple[bool, str]:
     """Record a running graph until SIGINT, SIGTERM, SIGHUP or its end.
 
-    Return whether nothing is missing, and what to say.
+    Return whether nothing is missing, and the account.
     """
 
     def save(_: CallRequest) -> dict[str, Any]:
@@ -40,11 +40,11 @@ def record_until_asked(
             text = recorder.save()
         except BagError as error:
             text = str(error)
-        say(text)
+        note(text)
         return {"reply": {"text": text}}
 
     with Interrupt(breaks_in=False) as interrupt:  # a bag is closed as a whole
-        recorder = LiveRecorder(graph, params, say, from_start=False)
+        recorder = LiveRecorder(graph, params, note, from_start=False)
         serving = _serving(graph, save) if params.snapshot_s else contextlib.nullcontext()
         with serving as sockets:
             try:

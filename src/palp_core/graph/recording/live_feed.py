@@ -148,7 +148,7 @@ class LiveFeed:
             return
 
     def _on_first_frame(self, raw: bytes, name: bytes) -> None:
-        """Hear a topic for the first time; a latched one has something to say from before."""
+        """Take the first frame of a topic; a latched one has messages from before."""
         try:
             frame = parse(raw)
         except SchemaMismatch:

@@ -34,7 +34,7 @@ NOTE_WAITING_NS = 5_000_000_000
 DRAIN_NS = 300_000_000
 LONGEST_DRAIN_NS = 10_000_000_000
 QUIET_TURNS = 4
-"""On a busy host no time says that nothing comes: the thread that fetches it may have had no turn."""
+"""On a busy host no time shows that nothing comes: the thread that fetches it may have had no turn."""
 
 
 class LiveRecorder:
@@ -44,14 +44,14 @@ class LiveRecorder:
     """
 
     def __init__(
-        self, graph: RunningGraph, params: RecorderParams, say: Callable[[str], None], *, from_start: bool
+        self, graph: RunningGraph, params: RecorderParams, note: Callable[[str], None], *, from_start: bool
     ) -> None:
         if graph.record.clock != "wall":
             raise BagError(
                 f"graph '{graph.record.graph}' runs in simulated time: "
                 "record it with palp launch FILE --record DIR"
             )
-        self._params, self._say = params, say
+        self._params, self._note = params, note
         self._out = Path(params.out).absolute()
         self._chosen = params.selection()
         self._known = live_topics(graph)
@@ -89,11 +89,11 @@ class LiveRecorder:
                 if not is_noted and monotonic_ns() - begin_ns > NOTE_WAITING_NS:
                     is_noted = True
                     names = ", ".join(sorted(name.decode() for name in self.feed.unmatched))
-                    self._say(f"no message yet, recording what comes: {names}")
+                    self._note(f"no message yet, recording what comes: {names}")
         if not self.feed.unmatched:
             kept = f"; the last {self._params.snapshot_s:g} s are kept" if self._params.snapshot_s else ""
             count = counted(len(chosen), "topic")
-            self._say(f"recording {count} of '{self._graph.record.graph}' to {self._out}{kept}")
+            self._note(f"recording {count} of '{self._graph.record.graph}' to {self._out}{kept}")
 
     def turn(self, wait_ms: int = WAIT_MS) -> bool:
         """Take what comes, for a moment; return whether there may be more."""
@@ -105,7 +105,7 @@ class LiveRecorder:
         return more
 
     def save(self) -> str:
-        """Write the messages that are kept in memory into a bag of their own; return what to say."""
+        """Write the messages that are kept in memory into a bag of their own; return the account."""
         if not isinstance(self._sink, SnapshotRecorder):
             raise BagError("this recorder keeps nothing in memory: start it with --snapshot S")
         end_ns = monotonic_ns() + DRAIN_NS
@@ -195,7 +195,7 @@ class LiveRecorder:
         chosen = {name: live for name, live in new.items() if self._chosen(name)}
         if chosen:
             self.feed.follow(chosen, new=True)
-            self._say(f"also recording {', '.join(sorted(chosen))}")
+            self._note(f"also recording {', '.join(sorted(chosen))}")
 
 
 class SnapshotRecorder(BagRecorder):

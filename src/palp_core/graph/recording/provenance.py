@@ -1,4 +1,4 @@
-"""What a bag says of the run it holds: graph, parameters, nodes, versions, git state.
+"""What a bag has of the run it holds: graph, parameters, nodes, versions, git state.
 
 Every launcher can be asked for it, and few are: what it takes is imported then.
 """
@@ -55,7 +55,7 @@ def attachments(
 
 
 def launch_attachment(provenance: dict[str, Any]) -> bytes:
-    """Return the attachment that says what runs: changed by a swap, the latest one counts."""
+    """Return the attachment of what runs: changed by a swap, the latest one counts."""
     return json.dumps(provenance[_LAUNCH], indent=1).encode()
 
 

@@ -82,7 +82,7 @@ class Recorders:
                 self._lose(writer, error)
 
     def _lose(self, writer: LockstepRecorder, error: OSError) -> None:
-        """Go on without a bag that cannot be written any more, and say so."""
+        """Go on without a bag that cannot be written any more, and report it."""
         self._writers = [other for other in self._writers if other is not writer]
         text = writer.fail(error)
         self._results.append((False, text))
@@ -141,7 +141,7 @@ class LockstepRecorder:
         self._recorder.attach(LAUNCH_ATTACHMENT, launch_attachment(launch_provenance(graph)))
 
     def close(self) -> tuple[bool, str]:
-        """Close the bag; return whether nothing is missing, and what to say."""
+        """Close the bag; return whether nothing is missing, and the account."""
         try:
             summary = self._recorder.close()
         except OSError as error:
@@ -170,7 +170,7 @@ def _free_name(taken: set[str]) -> str:
 
 
 def _result_of(bag: str) -> tuple[bool, str]:
-    """Return whether nothing is missing in a recorder's bag, and what to say."""
+    """Return whether nothing is missing in a recorder's bag, and the account."""
     try:
         with Bag(bag) as opened:
             summary = msgspec.json.decode(opened.attachments()[SUMMARY_NAME], type=RecordingSummary)

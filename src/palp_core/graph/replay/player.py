@@ -162,7 +162,7 @@ class Player(Node):
     def shaped(cls, name: str, params: Mapping[str, Any]) -> type[Node]:
         path = params.get("bag")
         if not isinstance(path, str):
-            return cls  # the check of the parameters says what is wrong
+            return cls  # the check of the parameters reports it
         with Bag(path) as bag:
             known = playable(bag)
             mine = {port: known[topic] for port, topic in _outputs(name, params, known).items()}

@@ -160,7 +160,7 @@ class _Replay:
         return None, end
 
     def _prepare_node(self, order: Order, epoch: int, *, follows: bool) -> bool:
-        """Have a node for a batch of the order; return False if it does not say where to begin."""
+        """Have a node for a batch of the order; return False if it does not show where to begin."""
         hand_over = decode_any(HandOver, order.hand_over) if order.hand_over else None
         if follows and (hand_over is None or not self._was_replaced(hand_over)):
             return True
@@ -231,7 +231,7 @@ class _Replay:
 
     @property
     def _commentary(self) -> set[str]:
-        """Topics that are not compared: the order itself, and what the register says of methods today."""
+        """Topics that are not compared: the order itself, and what the register has of methods today."""
         assert self._executor is not None
         outputs = self._executor.ends.publishers.items()
         return {name for name, out in outputs if out.message in (Order, MethodsUsed)}

@@ -95,7 +95,7 @@ def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHea
 def made_by_palp(start: bytes) -> bool:
     """Tell from a file's first bytes whether palp wrote it: each of its chunks has a CRC.
 
-    In another's file a CRC of 0 says that there is none.
+    In another's file a CRC of 0 means that there is none.
     """
     begin = len(MAGIC) + RECORD_BYTES
     if start[: len(MAGIC)] != MAGIC or start[len(MAGIC) : len(MAGIC) + 1] != bytes([Op.HEADER]):
@@ -110,7 +110,7 @@ def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has
     """Return the records of a chunk, given its whole record; a ValueError if it is not what was written.
 
     ``index`` is its entry in a checked summary, which it must match. With ``has_crc`` a CRC of 0 is one, too;
-    else that says that there is none.
+    else that means that there is none.
     """
     start_ns, end_ns, size, crc, compression, stored = read_chunk_head(data)
     if index is not None:

@@ -26,7 +26,7 @@ class ChunkPlace(NamedTuple):
     """Where a chunk's record is, or a stretch of messages outside chunks.
 
     Attributes:
-        entry: What the summary says of the chunk, if there is one.
+        entry: The chunk's entry in the summary, if there is one.
         bare: There is no chunk around these records.
     """
 

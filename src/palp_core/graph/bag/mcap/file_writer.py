@@ -28,7 +28,7 @@ MESSAGE_OP, _INDEX_OP = int(records.Op.MESSAGE), int(records.Op.MESSAGE_INDEX)
 
 
 class FileWriter:
-    """Writes one file; the caller says when time has passed."""
+    """Writes one file; the caller reports that time has passed."""
 
     def __init__(
         self,
