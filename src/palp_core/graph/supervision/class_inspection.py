@@ -26,9 +26,11 @@ HEAVY = frozenset(
     {
         "scipy.fft", "scipy.integrate", "scipy.interpolate", "scipy.linalg", "scipy.ndimage",
         "scipy.optimize", "scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats",
-        "pywt", "yaml",
+        "scipy", "pywt", "yaml",
     }
 )  # fmt: skip
+OF_SCIPY = tuple(f"scipy.{name}" for name in ("special", "optimize", "interpolate", "linalg", "sparse"))
+"""What ``import scipy`` alone leaves until a handler names it, and half a second is too late there."""
 INSPECTING = ""
 """Name of an inspecting child."""
 IMPORT_TIMEOUT_S = 30.0
@@ -168,4 +170,5 @@ def import_heavy(module: str) -> None:
     """Import what was announced, of what is heavy."""
     if module in HEAVY:
         with contextlib.suppress(ImportError):  # the child has met it too, and says so
-            importlib.import_module(module)
+            for name in OF_SCIPY if module == "scipy" else (module,):
+                importlib.import_module(name)

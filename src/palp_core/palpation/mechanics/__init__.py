@@ -11,16 +11,21 @@
 True
 """
 
-from palp_core.palpation.mechanics.contact import ContactModel, LayeredHertz
-from palp_core.palpation.mechanics.equilibrium.all_roots import equilibria
-from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
-from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
-from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.choice import choose_rung, contact_model, rung_model
-from palp_core.palpation.mechanics.scene.file import read_scene
-from palp_core.palpation.mechanics.scene.run import run_scene
-from palp_core.palpation.mechanics.scene.scene import Scene, StagePath, Tolerance
+from typing import TYPE_CHECKING
+
+from palp_core.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from palp_core.palpation.mechanics.contact import ContactModel, LayeredHertz
+    from palp_core.palpation.mechanics.equilibrium.all_roots import equilibria
+    from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
+    from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
+    from palp_core.palpation.mechanics.phantom import Bead, Phantom
+    from palp_core.palpation.mechanics.probe import Probe
+    from palp_core.palpation.mechanics.scene.choice import choose_rung, contact_model, rung_model
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.run import run_scene
+    from palp_core.palpation.mechanics.scene.scene import Scene, StagePath, Tolerance
 
 __all__ = [
     "Bead",
@@ -42,3 +47,5 @@ __all__ = [
     "solve",
     "sweep",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)
