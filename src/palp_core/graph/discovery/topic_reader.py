@@ -158,4 +158,5 @@ class TopicReader:
         for reply in self._requester.replies():
             buffer = self._buffers.get(reply.get("topic", ""))
             if buffer is not None:
-                buffer.fill(reply["epoch"], [parse(raw) for raw in reply["frames"]], self._now_ns)
+                with contextlib.suppress(SchemaMismatch):  # of another version: given up in time
+                    buffer.fill(reply["epoch"], [parse(raw) for raw in reply["frames"]], self._now_ns)
