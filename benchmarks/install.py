@@ -16,7 +16,7 @@ from pathlib import Path
 from time import perf_counter
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS = ("", "rig", "studies,view", "all")
+EXTRAS = ("", "view")
 COMMANDS = {
     "import palp_core": ("python", "-c", "import palp_core"),
     "a node's imports": ("python", "-c", "from palp_core import Node, Pub, Sub, every, on"),
@@ -24,7 +24,7 @@ COMMANDS = {
     "palp topic list": ("palp", "topic", "list"),
 }
 FIRST = ("palp", "launch", "rig:sim.yaml", "trials:=1", "training:=1", "--compose")
-"""The first palpations; the base has none and runs the smallest workspace."""
+"""The first palpations."""
 
 MEGABYTE = 1e6
 
@@ -91,15 +91,10 @@ def timed(folder: Path, command: tuple[str, ...], rounds: int, at: Path) -> list
     return found[1:]
 
 
-def first_run(folder: Path, extra: str, at: Path) -> float:
-    """Return the seconds until a first graph has run, of whoever has just installed."""
-    palp = str(folder / "bin/palp")
+def first_run(folder: Path, at: Path) -> float:
+    """Return the seconds of the first run after an install."""
     begin_s = perf_counter()
-    if extra:
-        subprocess.run([palp, *FIRST[1:]], check=True, capture_output=True, cwd=at)
-    else:
-        subprocess.run([palp, "init", "first", "--minimal"], check=True, capture_output=True, cwd=at)
-        subprocess.run([palp, "launch", "first/launch.yaml"], check=True, capture_output=True, cwd=at)
+    subprocess.run([str(folder / "bin/palp"), *FIRST[1:]], check=True, capture_output=True, cwd=at)
     return perf_counter() - begin_s
 
 
@@ -107,7 +102,7 @@ def main() -> None:
     """Install, time, print a table per Python."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pythons", default=sys.executable, help="interpreters, with commas between")
-    parser.add_argument("--extras", nargs="*", default=EXTRAS, help="each an install; '' is the base")
+    parser.add_argument("--extras", nargs="*", default=EXTRAS, help="each an install; '': no extra")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--wheel", type=Path, help="an own wheel; default: it is built")
     given = parser.parse_args()
@@ -127,7 +122,7 @@ def main() -> None:
                 at = folder / "at"
                 at.mkdir()
                 cost = install(python, wheel, extra, folder / "venv")
-                first_s = first_run(folder / "venv", extra, at)
+                first_s = first_run(folder / "venv", at)
                 waits = [timed(folder / "venv", command, given.rounds, at) for command in COMMANDS.values()]
                 shown = [f"{cost[0]:.0f}", f"{cost[1]:.0f}", f"{cost[2]:.0f}", f"{first_s:.1f}"]
                 shown += [

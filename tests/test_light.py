@@ -14,7 +14,7 @@ from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 HEAVY = (
     *("palp_core.palpation", "matplotlib", "pandas", "pywt", "scipy", "skfem", "statsmodels"),
-    *("serial", "can"),
+    *("serial", "can", "rosbags", "jinja2", "pyarrow", "nicegui", "foxglove"),
 )
 FOR_VERBS = (
     "numpy",

@@ -1,4 +1,4 @@
-"""What an install may lack, and the words that say how to get it."""
+"""Packages that an install may lack, and the line that installs them."""
 
 from __future__ import annotations
 
@@ -7,29 +7,19 @@ import json
 from pathlib import Path
 
 DISTRIBUTION = "palp-core"
-"""What to install; ``palp`` is the command, and on the public index somebody else's package."""
+"""The package; ``palp`` is the command, and on the public index another project."""
 
 _EXTRA_OF = {
-    "scipy": "rig",
-    "pywt": "rig",
-    "skfem": "rig",
-    "serial": "rig",
-    "can": "rig",
-    "matplotlib": "rig",
-    "jinja2": "rig",
-    "statsmodels": "studies",
-    "pandas": "studies",
-    "rosbags": "rosbag",
     "rclpy": "ros2",
     "pyarrow": "parquet",
-    "pylsl": "lsl",
+    "pylsl": "emg",
     "edfio": "emg",
     "pyxdf": "emg",
     "distributed": "dask",
     "foxglove": "foxglove",
     "nicegui": "view",
 }
-"""The extra that brings a module; a module of several has the smallest."""
+"""The extra that brings a module."""
 
 
 def install_line(extra: str) -> str:

@@ -117,14 +117,13 @@ def test_an_installed_palp_writes_a_workspace_that_runs_and_derives_from_the_rig
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("extra", ["", "rig"])
-def test_a_clean_environment_has_all_that_a_first_run_needs(built: Path, tmp_path: Path, extra: str) -> None:
+def test_a_clean_environment_without_extras_runs_the_rig(built: Path, tmp_path: Path) -> None:
     """With the network, and nothing borrowed."""
     (wheel,) = built.glob("*.whl")
     (tmp_path / "at").mkdir()
-    install(sys.executable, wheel, extra, tmp_path / "venv")
-    first_run(tmp_path / "venv", extra, tmp_path / "at")
-    assert {path.name for path in (tmp_path / "at").iterdir()} == ({"results"} if extra else {"first"})
+    install(sys.executable, wheel, "", tmp_path / "venv")
+    first_run(tmp_path / "venv", tmp_path / "at")
+    assert {path.name for path in (tmp_path / "at").iterdir()} == {"results"}
 
 
 def _python_files(folder: Path) -> set[str]:
@@ -200,16 +199,14 @@ def test_every_message_and_page_names_what_is_to_be_installed() -> None:
     assert found == set()
 
 
-def test_whoever_lacks_a_module_is_told_an_extra_that_brings_it() -> None:
-    of_module = {"pywt": "pywavelets", "skfem": "scikit-fem", "serial": "pyserial", "can": "python-can",
-                 "foxglove": "foxglove-sdk", "rclpy": "ros-rclpy"}  # fmt: skip
+def test_a_missing_module_is_named_with_the_extra_that_brings_it() -> None:
+    of_module = {"foxglove": "foxglove-sdk", "rclpy": "ros-rclpy"}
     for module, extra in extras._EXTRA_OF.items():
         brought = [re.match(r"[\w-]+", one)[0] for one in PROJECT["optional-dependencies"][extra]]  # type: ignore[index]
         assert of_module.get(module, module) in brought
         line = extras.advice(ModuleNotFoundError(name=f"{module}.inner"))
         assert line == f"{module} is not installed; type: {extras.install_line(extra)}"
     assert set(extras._EXTRA_OF.values()) == set(PROJECT["optional-dependencies"]) - {
-        "all",
         "docs",
         "dev",
         "nightly",
@@ -226,7 +223,6 @@ def test_what_others_promise_nothing_about_has_an_upper_bound() -> None:
     assert callable(SocketCanDaemonBus.send)
     assert issubclass(TyperGroup, object)
     assert issubclass(TyperCommand, object)
-    wanted = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["rig"]]
     for name in ("typer", "python-can"):
-        (line,) = [one for one in wanted if one.startswith(name)]
+        (line,) = [one for one in PROJECT["dependencies"] if one.startswith(name)]
         assert re.search(r",<\d", line), line

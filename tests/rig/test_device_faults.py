@@ -89,7 +89,7 @@ class Witness(Node):
 '''
 # Real drivers keep real deadlines, and a machine that is busy with something else may miss them.
 pytestmark = pytest.mark.slow
-NO_LSL = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
+NO_LSL = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[emg]")
 LENIENT = "beat_ms: 5000.0"
 PATIENT: dict[str, dict[str, float]] = {
     "aerotech": {"stale_s": 0.5, "timeout_s": 0.5},

@@ -62,7 +62,7 @@ class Known:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if metafunc.cls is not None and issubclass(metafunc.cls, Known):
-        without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
+        without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[emg]")
         devices = [
             pytest.param(name, marks=[without_lsl] if name == "lsl" else [])
             for name in known_devices(metafunc.cls.kind)

@@ -33,7 +33,6 @@ def message_type(name: str, folder: str | Path = "") -> Any:
 
     Raises:
         GraphError: There is no such type, or it cannot be read; the nearest name is in the message.
-        BagError: rosbags is not installed.
     """
     types = known_types()
     try:

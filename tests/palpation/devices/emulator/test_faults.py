@@ -79,7 +79,7 @@ ROOT = Path(__file__).parents[4]
 
 def rows(*kinds: str) -> list[Any]:
     """Return the faults of the devices of some kinds."""
-    no_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
+    no_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[emg]")
     return [
         pytest.param(
             fault,

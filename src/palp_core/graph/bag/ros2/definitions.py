@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palp_core.errors import BagError
-from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign
 from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
 
@@ -135,10 +134,8 @@ def standard() -> Definitions:
 
 
 def _store(which: str) -> Any:
-    try:
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise BagError(f"ROS 2's messages need rosbags: {install_line('rosbag')}") from error
+    from rosbags.typesys import Stores, get_typestore
+
     return get_typestore(Stores[which])
 
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.errors import BagError, PalpError, SchemaMismatch
-from palp_core.extras import install_line
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty
 from palp_core.graph.bag.ros2.values import writer as cdr_writer
@@ -72,13 +71,11 @@ def write(
 ) -> int:
     """Write a ROS 2 bag, version 9, that ``ros2 bag`` and ``rosbags`` read.
 
-    Times are those of the graph's clock. Needs ``rosbags``.
+    Times are those of the graph's clock.
     """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
     definitions = definitions or empty()
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-    except ImportError as error:
-        raise BagError(f"ROS 2's bags need rosbags: {install_line('rosbag')}") from error
     if Path(out).exists():
         raise BagError(f"{out} exists already: choose another name")
     try:

@@ -18,7 +18,6 @@ import lz4.frame  # type: ignore[import-untyped]
 import msgspec
 
 from palp_core.errors import BagError
-from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign, describe_foreign
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
 from palp_core.graph.bag.ros2.values import reader as message_reader
@@ -157,10 +156,8 @@ def _idl_types(text: str) -> dict[str, Any]:
 @contextmanager
 def _opened(bag: Path) -> Iterator[Any]:
     """Open a rosbag2; a file is a bag of itself."""
-    try:
-        from rosbags.rosbag2 import Reader
-    except ImportError as error:
-        raise BagError(f"ROS 2's bags need rosbags: {install_line('rosbag')}") from error
+    from rosbags.rosbag2 import Reader
+
     if not bag.exists():
         raise BagError(f"{bag}: no such bag; give a rosbag2's folder, an .mcap or a .db3 file")
     if bag.is_dir() and not (bag / "metadata.yaml").exists():

@@ -40,7 +40,7 @@ class LslEmg(EmgDriver):
         gap_s: Larger than the jitter of a sender that stamps when it sends (assumed).
     """
 
-    LINK: ClassVar[str] = f"Lab Streaming Layer: an inlet of type EMG ({install_line('lsl')})"
+    LINK: ClassVar[str] = f"Lab Streaming Layer: an inlet of type EMG ({install_line('emg')})"
 
     stream: str
     rate_hz: float = 1500.0
@@ -125,7 +125,7 @@ def load_lsl(place: str) -> Any:
     Raises:
         DeviceError: It is not installed, or has no C library.
     """
-    with catch_foreign(f"{place}: pylsl cannot be used", DeviceError, install_line("lsl")):
+    with catch_foreign(f"{place}: pylsl cannot be used", DeviceError, install_line("emg")):
         lsl: Any = import_module("pylsl")
     files = (Path(), Path.home() / "lsl_api", Path("/etc/lsl_api"))
     if "LSLAPICFG" not in os.environ and not any((folder / "lsl_api.cfg").exists() for folder in files):
