@@ -113,7 +113,7 @@ def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_l
 ) -> None:
     out = tmp_path / "out"
     process = palp.start("launch", SIM, f"out:={out}", *LONG)
-    wait_for_line(process, "training: ")
+    wait_for_line(process, "training ")
     nodes = json.loads((next((palp.runtime_dir / "palp").glob("sim-*")) / "graph.json").read_text())["nodes"]
     emg = next(node["pid"] for node in nodes if node["name"] == "emg")
     os.kill(emg, signal.SIGSTOP)  # the end waits for it, unless somebody insists

@@ -291,4 +291,4 @@ def launch_stub(palp: Palp, folder: Path, name: str, *arguments: str) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     process = palp.start("launch", folder / "launch" / "stub.yaml", *arguments)
-    wait_for_line(process, "estimation: ")
+    wait_for_line(process, "estimation ")

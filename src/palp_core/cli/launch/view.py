@@ -70,16 +70,14 @@ class LaunchView:
         wall_s = max(wall_ns - self._start_ns, 1) / 1e9
         notes = [progress.text] if progress.text else []
         if progress.score_defined:
-            notes.append(f"{progress.score:.0%} right")
+            notes.append(f"{100 * progress.score:.0f} % correct")
         if self._lockstep:
-            notes.append(f"{now_ns / 1e9 / wall_s:.0f} x real time")
-        if progress.busy_s and self._lockstep:
-            notes.append(f"{progress.busy_s / wall_s:.0f} s of its work done each second")
-        return ", ".join(notes)
+            notes.append(f"{now_ns / 1e9 / wall_s:.0f}x real time")
+        return "  ".join(notes)
 
     def _show(self, progress: Progress, note: str) -> None:
         if self._bars is None:
-            print_text(f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip())
+            print_text(f"{progress.phase} {progress.done_count}/{progress.total_count} {note}".rstrip())
             own_stream(sys.stdout).flush()
             return
         phase = escape_controls(progress.phase)
