@@ -14,7 +14,7 @@ PAGES = sorted(
     str(page.relative_to(ROOT))
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"))
 )
-QUICK, BEGIN, END = "docs/tutorial/first_node.md", "## Two nodes", "A program does it, too"
+QUICK, BEGIN, END = "docs/tutorial/first_node.md", "## Two nodes", "A program can run"
 """The page of which a part is tried with every change, between these words; all have their turn at night."""
 
 
