@@ -23,7 +23,7 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 
 
 def prose(text: str) -> str:
-    """Return the sentences: no code, headings, tables, comments, pictures, generated entries, link targets."""
+    """Return the sentences: no code, headings, tables, comments, pictures, generated entries or targets."""
     text = re.sub(
         r"\A---\n.*?\n---\n|```.*?```|~~~.*?~~~|<!--.*?-->|!\[[^]]*\]\([^)]*\)", "", text, flags=re.DOTALL
     )

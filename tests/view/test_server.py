@@ -174,5 +174,5 @@ def test_a_viewer_ends_after_its_graph_when_nobody_looks(palp: Palp) -> None:
     assert palp.run("graph", "end").returncode == 0
     _, errors = viewer.communicate(timeout=PATIENCE_S)
     assert viewer.returncode == 0, errors
-    assert "has ended, and nobody looks: the page is closed" in errors
+    assert "has ended and no browser is open: closing" in errors
     graph.communicate(timeout=PATIENCE_S)

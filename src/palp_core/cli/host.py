@@ -173,7 +173,9 @@ def _foreign() -> Iterator[Trouble]:
     for folder in sorted(base.iterdir()) if base.is_dir() else ():
         with contextlib.suppress(FileNotFoundError):  # a run has just ended
             if mistake := folder_mistake(folder):
-                yield Trouble(str(base), WARN, f"{mistake}; it is passed over", "find out who put it there")
+                yield Trouble(
+                    str(base), WARN, f"{mistake}; it is passed over", "find out which user created it"
+                )
 
 
 def _orphans(over: dict[str, str]) -> Iterator[Trouble]:

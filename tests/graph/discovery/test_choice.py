@@ -223,7 +223,7 @@ def test_a_graph_is_called_as_it_is_launched(bench: Bench) -> None:
         ):
             check_free("left")
     for name in ("12", "a b", "", "x" * 33):
-        with pytest.raises(GraphError, match="is no name of a graph"):
+        with pytest.raises(GraphError, match="is not a graph's name"):
             check_free(name)
 
 

@@ -76,7 +76,7 @@ def test_a_run_whose_folder_is_full_goes_on_through_a_restart_and_says_so(
     (relay,) = [node for node in running()[0].nodes if node.name == "relay"]
     os.kill(relay.pid, signal.SIGKILL)
     assert process.stderr is not None
-    said = next(line for line in process.stderr if "The graph goes on" in line)
+    said = next(line for line in process.stderr if "The graph continues" in line)
     assert f"{own_runtime}/chain-" in said
     assert "make room on that disk" in said
     echo = palp.run("topic", "echo", "/relay/amplified", "--once", "--field", "index")
@@ -102,7 +102,7 @@ def test_a_record_that_cannot_be_written_ends_no_run_that_is_visible_already(
     monkeypatch.setattr(run_directory, "write_json", full)
     with caplog.at_level(logging.WARNING, "palp.supervisor"):
         directory.write(record)
-    assert "The graph goes on" in caplog.text
+    assert "The graph continues" in caplog.text
     directory.remove()
 
 

@@ -239,12 +239,12 @@ def test_what_is_not_there_and_what_is_nothing_differ() -> None:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda data: b"", "is no checkpoint of a run"),
-        (lambda data: data[: len(data) // 2], "is torn"),
-        (lambda data: data[:-1], "is torn"),
-        (lambda data: data[:200] + bytes([data[200] ^ 0xFF]) + data[201:], "is torn"),
+        (lambda data: b"", "is not a checkpoint"),
+        (lambda data: data[: len(data) // 2], "is incomplete or damaged"),
+        (lambda data: data[:-1], "is incomplete or damaged"),
+        (lambda data: data[:200] + bytes([data[200] ^ 0xFF]) + data[201:], "is incomplete or damaged"),
         (lambda data: data.replace(b"checkpoint 2\n", b"checkpoint 9\n"), "another version of palp"),
-        (lambda data: b"a picture of a cat", "is no checkpoint of a run"),
+        (lambda data: b"a picture of a cat", "is not a checkpoint"),
     ],
 )
 def test_a_torn_checkpoint_is_refused(spoil: Callable[[bytes], bytes], words: str, file: Path) -> None:
@@ -257,7 +257,7 @@ def test_a_torn_checkpoint_is_refused(spoil: Callable[[bytes], bytes], words: st
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({}, "nothing to resume: there is no checkpoint"),
+        ({}, "run finished, or stopped before its first one"),
         ({"checkpoint": None}, "the launch file writes no checkpoint; add checkpoint: "),
         ({"clock": "sim", "checkpoint": None}, "a run in simulated time cannot resume; run it again"),
     ],
@@ -271,7 +271,7 @@ def test_what_ended_or_never_began_cannot_resume(given: dict[str, Any], words: s
 def test_an_unfinished_run_is_not_replaced_unasked(file: Path) -> None:
     write(file)
     kept = kept_in(file).read_bytes()
-    with pytest.raises(GraphError, match="is of an unfinished run: --resume goes on with it; remove it to"):
+    with pytest.raises(GraphError, match="is of an unfinished run; continue it with --resume, or remove"):
         write(file)
     assert kept_in(file).read_bytes() == kept
 

@@ -170,7 +170,7 @@ SEND = '@to_ros2("/a/b", "/x", Float64)\n'
         (SERVE.replace("std_srvs/srv/", "") + "def f(): ...", AT, "f: 'Trigger' is no name; write PACKAGE/"),
         (
             f"{SERVE}def f(q, r, t) -> Load: ...",
-            AT, "f: it is no generator; annotate it with Generator[YIELDED, SENT, RETURNED]",
+            AT, "f: not a generator; annotate it with Generator[YIELDED, SENT, RETURNED]",
         ),
         (
             f"{SERVE}def f(q, r, t) -> Generator[int, Load, Any]: yield",

@@ -153,7 +153,7 @@ def test_the_command_tells_by_its_exit_status(stage: Stage) -> None:
     words = ("relay", "swap_toys:Novice", "deed:=raise", "after:=5", "--probation", "60s", "--timeout", "100")
     done = palp.run("swap", *words)
     assert done.returncode == 10 + STEPS.index("probation") == 18
-    assert "/relay goes on as it was: probation: pass_on" in done.stderr
+    assert "/relay not swapped, the old node continues: probation: pass_on" in done.stderr
     done = palp.run("swap", "relay", "swap_toys:Other", "--probation", "2", "--timeout", "100")
     assert done.returncode == 0
     assert re.search(r"its first [0-9]+ handlers ran well while the old one stood by", done.stdout)

@@ -267,7 +267,7 @@ def test_the_command_line_swaps_a_file_of_the_users_and_reloads_it(stage: Stage,
     assert "Changed hands" in info.stdout
     failed = palp.run("swap", "relay", "swap_toys:NoOut")
     assert failed.returncode == 10 + STEPS.index("check")
-    assert "goes on as it was" in failed.stderr
+    assert "not swapped, the old node continues" in failed.stderr
     assert palp.run("swap", "nobody", "--reload").returncode == 2
     assert palp.run("swap", "relay").returncode == 2
     assert stage.judgement()[1:] == ("", ["Relay", "Mine"])

@@ -158,7 +158,7 @@ def _names(bag: Bag, chosen: Callable[[str], bool], remap: list[str]) -> dict[st
         raise BagError(f"{bag.path}: no topic /node/port in it that could be played")
     names = {name: name for name in known if chosen(name)}
     if not names:
-        raise BagError(f"{bag.path}: none of its topics is chosen; it has: {', '.join(known)}")
+        raise BagError(f"{bag.path}: no topic of it is chosen; it has: {', '.join(known)}")
     for rule in remap:
         old, separator, new = rule.partition(":=")
         if not separator or len(new.split("/")) != 3 or not new.startswith("/"):

@@ -57,7 +57,7 @@ def swap(
             "or give parameters for it, as in rate_hz:=50"
         )
     if target is not None and not all(target.rpartition(":")[::2]):
-        raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
+        raise GraphError(f"'{target}' is not a class; write MODULE:CLASS or FILE.py:CLASS")
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
     if probation is not None:
         options["probation"] = _probation(probation)
@@ -67,13 +67,13 @@ def swap(
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
     except KeyboardInterrupt:
         shown_by = addressed(f"palp node info {node}", running.record.id)
-        note(f"the launcher goes on with the swap; its result: {shown_by}")
+        note(f"the launcher continues the swap; result: {shown_by}")
         sys.exit(INTERRUPTED)
     if as_json:
         print_json(answer)
     failed = answer.get("failed")
     if failed:
-        note(f"/{failed['node']} goes on as it was: {failed['step']}: {failed['text']}")
+        note(f"/{failed['node']} not swapped, the old node continues: {failed['step']}: {failed['text']}")
         sys.exit(FIRST_STEP + STEPS.index(failed["step"]))
     few, what = answer["report"]["proven"], answer["report"]["proven_by"]
     wanted = options.get("probation", {}).get("run_count", Probation().run_count)

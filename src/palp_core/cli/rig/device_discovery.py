@@ -69,9 +69,7 @@ def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict
     if row is None:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
     if row["state"] in (Condition.GARBLED, Condition.LINK_LOST):
-        raise DeviceError(
-            f"{device}: {row['state']}: what it sends makes no sense; check that it is one, and its rates"
-        )
+        raise DeviceError(f"{device}: {row['state']}: garbled answers; check the port and the baud rate")
     if row["state"] == Condition.STALE:
         raise DeviceError(f"{device}: it fell silent while it was listened to; check cable and supply")
     return row

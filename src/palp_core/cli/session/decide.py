@@ -62,7 +62,7 @@ def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bo
         return
     print_text(f"{phase} trial {trial}: {deed}: {made.reason} ({folder / AUDIT})")
     if deed == "redo" and _goes_on(folder):
-        note("while the session goes on, or is resumed, it is done again at the end, as another trial")
+        note("a session that runs or resumes repeats it at the end, as another trial")
         return
     if deed == "redo":
         together = "palp session people" if person else "palp session list"
@@ -93,7 +93,7 @@ def seal(
 
     given = write_key(key, load_phantoms(phantoms), new=True)
     print_table([["phantom", "sticker"], *sorted([own, code] for code, own in given.items())])
-    note(f"sealed: {key}; keep the lines above from all who take part in the session")
+    note(f"sealed: {key}; show the lines above to no participant")
 
 
 def unseal(

@@ -78,7 +78,7 @@ def report(
         print_text(write(folder, write_record(path, folder, overwrite=overwrite), files=charts))
     elif out is not None or overwrite:
         raise PalpError(
-            f"{path} is no bag: the report of a session's folder is made in it, without --out or --overwrite"
+            f"{path} is not a bag; a session's report stays in its folder: leave out --out and --overwrite"
         )
     elif is_human_session(path):
         print_text(write_human([path], path, sheet_of(read_note(path)), charts=charts))

@@ -131,7 +131,7 @@ class RunDirectory:
             text = no_room(self.path, error)
             if not (self.path / RECORD).exists():
                 raise GraphError(text) from error
-            _log.warning("%s. The graph goes on; other commands know it as it was before", text)
+            _log.warning("%s. The graph continues; other commands see its former state", text)
 
     def remove(self) -> None:
         shutil.rmtree(self.path, ignore_errors=True)
@@ -191,7 +191,7 @@ def running() -> list[RunRecord]:
 def check_free(name: str) -> None:
     if NAME.fullmatch(name) is None:
         raise GraphError(
-            f"'{name}' is no name of a graph; use letters, digits and _, a letter first, at most 32"
+            f"'{name}' is not a graph's name; use letters, digits and _, a letter first, at most 32"
         )
     for folder in _folders():
         if not is_locked(folder):

@@ -106,14 +106,13 @@ def read_checkpoint(path: Path) -> KeptRun:
         data = read_whole(path, 1 << 30)
     except FileNotFoundError:
         raise GraphError(
-            f"nothing to resume: there is no checkpoint {path}: the run that was there came to its end, or "
-            "ended before its first checkpoint; without --resume one begins, or says what is in its way"
+            f"no checkpoint {path} (run finished, or stopped before its first one); start without --resume"
         ) from None
     except OSError as error:
         raise GraphError(f"{path} cannot be read: {error.strerror or error}") from error
     head, body = data[: len(_MAGIC) + _DIGEST_BYTES], data[len(_MAGIC) + _DIGEST_BYTES :]
     if not head.startswith(b"palp checkpoint"):
-        raise GraphError(f"{path} is no checkpoint of a run; nothing is resumed")
+        raise GraphError(f"{path} is not a checkpoint; start again without --resume")
     if not head.startswith(_MAGIC):
         raise GraphError(f"{path} was written by another version of palp; resume it with that, {_ELSEWHERE}")
     if head[len(_MAGIC) :] != hashlib.sha256(body).digest():
@@ -183,7 +182,7 @@ class Checkpoints:
                 raise BlockingIOError
         except (BlockingIOError, FileNotFoundError):
             self.close(remove=False)
-            raise GraphError(f"{self.path} is being written: the run that it is of goes on already") from None
+            raise GraphError(f"{self.path} is in use: its run is still going") from None
         except OSError as error:
             raise GraphError(f"no checkpoint can be written to {self.path}: {error.strerror}") from error
 

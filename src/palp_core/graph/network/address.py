@@ -24,7 +24,9 @@ def host_and_port(address: str) -> tuple[str, int]:
     found = _ADDRESS.fullmatch(address)
     port = 0 if found is None or found["port"] == "*" else int(found["port"])
     if found is None or port > 65535:
-        raise SecurityError(f"'{address}' is no address; write tcp://HOST:PORT, as in tcp://192.168.1.5:7600")
+        raise SecurityError(
+            f"'{address}' is not an address; write tcp://HOST:PORT, as in tcp://192.168.1.5:7600"
+        )
     return found["host"].strip("[]"), port
 
 

@@ -231,7 +231,7 @@ def _decorator(
             *([(ros_type, _SERVICE_TYPE, "PACKAGE/srv/NAME")] if service else ()),
         ):
             if form.fullmatch(name) is None:
-                raise GraphError(f"{function.__name__}: '{name}' is no name; write {example}")
+                raise GraphError(f"{function.__name__}: '{name}' is not a name; write {example}")
         Qos(**(qos or {}))
         messages = _messages(kind, function, to)
         given = 2 if service else 1
@@ -251,9 +251,7 @@ def _messages(kind: Kind, function: Callable[..., Any], to: str) -> tuple[type[M
     returned = hints.get("return")
     if kind in ("service", "call"):
         if get_origin(returned) is not Generator or not inspect.isgeneratorfunction(function):
-            raise GraphError(
-                f"{name}: it is no generator; annotate it with Generator[YIELDED, SENT, RETURNED]"
-            )
+            raise GraphError(f"{name}: not a generator; annotate it with Generator[YIELDED, SENT, RETURNED]")
         yielded, sent, returned = get_args(returned)
         if kind == "service":
             annotated |= {"what it yields": yielded, "what it is sent": sent}
@@ -262,7 +260,7 @@ def _messages(kind: Kind, function: Callable[..., Any], to: str) -> tuple[type[M
     found = [hint for hint in annotated.values() if isinstance(hint, type) and issubclass(hint, Message)]
     for what, hint in annotated.items():
         if hint not in found:
-            raise GraphError(f"{name}: {what} is no message of the graph; annotate it with its class")
+            raise GraphError(f"{name}: {what} is not a message of the graph; annotate it with its class")
     return tuple(found)
 
 

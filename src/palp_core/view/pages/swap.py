@@ -180,7 +180,7 @@ def assigned(text: str) -> dict[str, Any]:
     for word in text.split():
         name, sign, value = word.partition(":=")
         if not (sign and name):
-            raise GraphError(f"'{word}' is no parameter; write it as in ring_mm:=8")
+            raise GraphError(f"'{word}' is not a parameter; write NAME:=VALUE, as in ring_mm:=8")
         found[name] = parse_yaml(value, f"value of {name}")
     return found
 

@@ -137,7 +137,7 @@ def _same(stream: Stream, definitions: Definitions) -> Outlet:
     except BagError as error:
         raise BagError(f"{topic.name}: {error}; filter one out") from error
     except (KeyError, TypeError, AttributeError) as error:
-        raise BagError(f"{topic.name}: what it was in ROS 2 cannot be read: {error!r}") from error
+        raise BagError(f"{topic.name}: its ROS 2 definition cannot be read: {error!r}") from error
 
 
 def _unchanged(payload: bytes, log_ns: int) -> Iterable[tuple[int, Any]]:

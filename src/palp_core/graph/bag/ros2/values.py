@@ -70,7 +70,7 @@ def _message_of(definitions: Definitions, name: str, value: Any) -> Any:
     elif isinstance(value, definitions.store.types[name]):
         given = {field: getattr(value, attribute(field)) for field in fields}
     else:
-        raise TypeError(f"a {type(value).__name__} is no {make.__name__}")
+        raise TypeError(f"a {type(value).__name__} is not a {make.__name__}")
     return make(
         **{attribute(field): _of_plain(definitions, fields[field], one) for field, one in given.items()}
     )
