@@ -164,7 +164,7 @@ class PolicyNode(MethodReporter):
 
     def choose(self) -> policies.StiffnessPolicy:
         """Return the policy that the parameters describe."""
-        raise TypeError(f"{type(self).__name__} must say which policy it is: define choose()")
+        raise TypeError(f"{type(self).__name__} has no policy; define choose()")
 
     def policy_for_next_probe(self) -> policies.StiffnessPolicy:
         """Return the policy for the next probe; one that follows what came in meanwhile chooses again."""

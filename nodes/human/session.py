@@ -208,7 +208,7 @@ class HumanSession(Node):
         if trouble := mvc_trouble(samples, stretch(state.rest, *state.rest_ns), self._rate_hz):
             name = f"mvc_{step.attempt}.npz"
             self.record.emg(state.subject, name, samples, self._rate_hz, discarded=True)
-            self.log.warning("this contraction is no MVC, and is repeated: %s", trouble)
+            self.log.warning("this contraction is not an MVC; repeat it: %s", trouble)
             return "repeat"
         self.record.emg(state.subject, "mvc.npz", samples, self._rate_hz)
         return "done"

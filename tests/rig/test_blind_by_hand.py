@@ -182,7 +182,7 @@ def test_another_key_opens_nothing_and_resumes_nothing(copy: Path, forge: Callab
     with pytest.raises(PalpError, match="another session's key, or was changed"):
         refuse_other_key(resumed, copy)
     key.unlink()
-    with pytest.raises(PalpError, match="is gone, and nothing else says which phantom is which"):
+    with pytest.raises(PalpError, match="is missing, and only it has the phantoms' codes"):
         refuse_other_key(resumed, copy)
 
 
@@ -198,7 +198,7 @@ def test_a_sealed_key_is_read_by_no_session_in_the_open(file: str, out: Path) ->
     """It would tell the depth of each code, and no audit would know."""
     key = out / "key.sealed"
     given = [f"phantoms:={key}", *(["order:=counterbalanced"] if file == "human.yaml" else [])]
-    with pytest.raises(GraphProblems, match="is sealed: read in the open it would tell"):
+    with pytest.raises(GraphProblems, match="is sealed: reading it would unblind the session"):
         check_here(ROOT / "launch" / file, given)
     shown = CliRunner().invoke(app, ["plan", "--phantoms", str(key), "--order", "counterbalanced"])
     assert "is sealed" in str(shown.exception)

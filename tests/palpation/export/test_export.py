@@ -260,7 +260,7 @@ def test_nothing_is_overwritten_unasked_and_what_cannot_be_written_leaves_what_w
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("x", encoding="utf-8")
-    with pytest.raises(PalpError, match="no earlier export"):
+    with pytest.raises(PalpError, match="not an export"):
         write_export(source, form, mine, overwrite=True)
     kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     assert mine / "thesis.txt" in kept

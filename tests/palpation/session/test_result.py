@@ -150,7 +150,7 @@ def test_a_result_is_read_back_and_a_missing_or_broken_one_is_an_error(
     with pytest.raises(PalpError, match=r"result\.json is missing"):
         read_result(tmp_path)
     (tmp_path / "result.json").write_text("{")
-    with pytest.raises(PalpError, match="is no result"):
+    with pytest.raises(PalpError, match="is not a result"):
         read_result(tmp_path)
 
 

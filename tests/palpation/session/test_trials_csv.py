@@ -264,7 +264,7 @@ def test_what_is_no_session_is_not_replaced_and_an_input_is_not_removed(tmp_path
     (tmp_path / "charts").mkdir()
     (tmp_path / "charts/thesis.png").write_text("x")
     (tmp_path / "noise.yaml").write_text("mine")
-    with pytest.raises(PalpError, match="that is no session"):
+    with pytest.raises(PalpError, match="but neither"):
         take_over(tmp_path)
     assert (tmp_path / "charts/thesis.png").exists()
     for name in ("noise.yaml", "sweeps/bag/bag_0.mcap"):

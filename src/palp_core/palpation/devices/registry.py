@@ -130,7 +130,7 @@ def kind_of(name: str) -> str:
     kind = next((kind for method, kind in _KIND_BY_METHOD.items() if hasattr(found, method)), None)
     if kind is None:
         wanted = ", ".join(f"{method} ({kind})" for method, kind in _KIND_BY_METHOD.items())
-        raise DeviceError(f"{name} is no device: it has none of {wanted}; see palp_core.palpation.devices")
+        raise DeviceError(f"{name} is not a device: it lacks {wanted}; see palp_core.palpation.devices")
     return kind
 
 

@@ -63,7 +63,7 @@ def _refuse_existing(out: Path, form: Form, *, overwrite: bool) -> None:
         )
     earlier = out.is_file() if form in _FILES else (out / DICTIONARY_FILE).exists()
     if not earlier:
-        raise PalpError(f"{out} is no earlier export, and is not replaced; name another, --out NAME")
+        raise PalpError(f"{out} is not an export; choose another with --out NAME")
 
 
 @contextlib.contextmanager

@@ -161,7 +161,7 @@ def _refuse_lacking(
     lacking = sorted(name for name, kind in kind_of.items() if kind in needed and name not in present)
     for name in lacking:
         if kind_of[name] == "Palpation":
-            raise PalpError(f"{path}: holds no palpation: nothing of {name} is in it")
+            raise PalpError(f"{path}: no palpation: {name} is missing")
     if lacking:
         raise PalpError(
             f"{path}: nothing of {', '.join(lacking)} is in it, and without it there is no "
@@ -280,8 +280,8 @@ def launch_of(bag: Bag) -> RunSummary:
     attached = bag.attachments().get(LAUNCH_ATTACHMENT)
     if attached is None:
         raise PalpError(
-            f"{bag.path}: does not say of what run it is ({LAUNCH_ATTACHMENT} is missing): another tool "
-            "wrote it; record runs by palp launch FILE --record DIR or palp bag record -a"
+            f"{bag.path}: {LAUNCH_ATTACHMENT} is missing (written by another tool?); "
+            "record runs with palp launch FILE --record DIR or palp bag record -a"
         )
     try:
         return msgspec.json.decode(attached, type=RunSummary)
@@ -298,7 +298,7 @@ def _roles(launch: RunSummary, path: Path) -> Roles:
             f"({error.why}); what the bag holds says palp bag info {path}"
         ) from error
     except PalpError as error:
-        raise PalpError(f"{path}: no bag of a session: {error}") from error
+        raise PalpError(f"{path}: not a bag of a session: {error}") from error
 
 
 def _topics(launch: RunSummary, roles: Roles) -> dict[str, str]:

@@ -84,5 +84,5 @@ def _checked(path: Path, number: int, row: dict[str, Any], design: ExperimentDes
                 f"{where}: ring_mm is '{text}'; training needs a ring position in mm"
             ) from None
         if all(abs(ring_m - known) > 1e-9 for known in design.rings_m):
-            raise PerceptionError(f"{where}: ring_mm is {text}, which is none of rings_mm")
+            raise PerceptionError(f"{where}: ring_mm is {text}, which is not in rings_mm")
     return phase, code, (row.get("mount") or "").strip(), ring_m

@@ -240,7 +240,7 @@ def read_result(out: str | Path) -> SessionResult:
     except OSError as error:
         raise PalpError(f"{path} cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
-        raise PalpError(f"{path} is no result: {error}; run the session again") from error
+        raise PalpError(f"{path} is not a result: {error}; run the session again") from error
 
 
 def build(session: RecordedSession, summary: RunSummary) -> SessionResult:

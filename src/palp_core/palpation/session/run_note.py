@@ -94,9 +94,9 @@ def _progress_words(folder: Path) -> str:
 def refuse_resuming(folder: Path, table: str = TABLE) -> None:
     """Refuse to go on with a session that is not there, or that goes on already."""
     if is_being_written(folder):
-        raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
+        raise PalpError(f"'{folder}' is in use by another run; choose another folder")
     if not (folder / table).exists():
-        raise PalpError(f"'{folder}' has a checkpoint but no {table}: restore it, or begin in another folder")
+        raise PalpError(f"'{folder}' has a checkpoint but no {table}: restore it, or use another folder")
     if (folder / OPENED).exists():
         raise PalpError(f"'{folder}' was unsealed, so it is not blind any more; begin in another folder")
 
@@ -137,7 +137,7 @@ def read_note(folder: Path) -> RunSummary:
     try:
         summary = msgspec.json.decode(read_whole(path), type=RunSummary)
     except FileNotFoundError as error:
-        raise PalpError(f"no session's folder: {path}, which says of what run it is, is missing") from error
+        raise PalpError(f"not a session's folder: {path} is missing") from error
     except (OSError, msgspec.MsgspecError) as error:
         raise PalpError(f"{path} cannot be read: {error}") from error
     if summary.exit_code < 0 and is_being_written(folder):

@@ -137,8 +137,7 @@ def take_over(folder: Path) -> None:
     found = [name for name in OWN_FILES if _has_content(folder / name)]
     if found and not any((folder / name).exists() for name in (TABLE, RUN)):
         raise PalpError(
-            f"'{folder}' holds {', '.join(found)}, but neither {TABLE} nor {RUN}: that is no session, and"
-            " nothing of it is replaced; choose another folder"
+            f"'{folder}' holds {', '.join(found)}, but neither {TABLE} nor {RUN}; choose another folder"
         )
     if found:
         forget_replaced(folder)

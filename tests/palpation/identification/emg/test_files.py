@@ -711,9 +711,9 @@ GAPPED = edf_bytes(1e6 * EMG, 100, starts_s=[0.0, 1.0, 2.5, 3.5])
     [
         (
             damaged(GAPPED, (256 + 32, b"Another signal  ")),
-            "without the annotations that say when records begin",
+            "without annotations of the records' times",
         ),
-        (GAPPED.replace(b"+2.5\x14", b"nope\x14"), "a record does not say when it begins"),
+        (GAPPED.replace(b"+2.5\x14", b"nope\x14"), "a record has no start time"),
         (
             GAPPED.replace(b"+2.5\x14", b"+0.5\x14"),
             "sample 200: the time of EMG FDS goes back from 1.99 to 0.5",

@@ -51,7 +51,7 @@ def test_a_signal_that_never_moves_is_silent() -> None:
 
 
 def test_a_recording_without_numbers_is_refused() -> None:
-    with pytest.raises(PerceptionError, match="right column"):
+    with pytest.raises(PerceptionError, match="check the column"):
         quality(np.full(10, np.nan), rate_hz=RATE_HZ)
     with pytest.raises(PerceptionError, match="nothing to bridge"):
         bridge(np.full(10, np.nan))

@@ -33,7 +33,7 @@ def test_the_interval_is_scipys_to_the_last_bit(confidence: float) -> None:
 
 def test_an_impossible_share_is_refused() -> None:
     for successes, trials in ((0, 0), (2, 1), (-1, 3)):
-        with pytest.raises(PerceptionError, match="no proportion"):
+        with pytest.raises(PerceptionError, match="not a proportion"):
             wilson(successes, trials)
 
 

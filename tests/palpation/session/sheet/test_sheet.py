@@ -177,7 +177,7 @@ def test_who_or_what_is_measured_needs_a_sheet(
             r":3:10: a person is measured: give the subj",
         ),
         ("human.yaml", PEOPLE[0], BY_HAND.replace("17-204", "none"), "is measured under an approval"),
-        ("human.yaml", (*PEOPLE[0], "subject:=S02"), BY_HAND, "of another subject than subject:= says"),
+        ("human.yaml", (*PEOPLE[0], "subject:=S02"), BY_HAND, "names another subject than subject:="),
         ("human.yaml", PEOPLE[0], BY_HAND.replace("  C:", "  D:"), "the run has no phantom 'D'"),
     ],
 )

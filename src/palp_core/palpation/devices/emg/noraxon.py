@@ -104,7 +104,7 @@ class _NoraxonSession:
             self._garbled += 1
             if self._garbled >= _TRIES:
                 raise DeviceError(
-                    f"noraxon: {self._garbled} answers in a row are no samples: {describe_foreign(error)}"
+                    f"noraxon: {self._garbled} answers in a row without samples: {describe_foreign(error)}"
                 ) from error
             self._monitor.report(Condition.GARBLED, now_ns, describe_foreign(error))
             return

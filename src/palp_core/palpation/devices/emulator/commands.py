@@ -70,7 +70,7 @@ def _obey(rig: EmulatedRig, words: list[str]) -> str:
         case ["truth"]:
             return json.dumps(rig.call(rig.truth))
         case _:
-            raise ValueError(f"'{' '.join(words)}' is no command; see palp devices emulate --help")
+            raise ValueError(f"'{' '.join(words)}' is not a command; see palp devices emulate --help")
     return "ok"
 
 

@@ -225,8 +225,8 @@ class MaestroRing:
             counts, pulse_us = link.position(self.feedback), link.position(self.servo) / 4.0
             if counts > wire.LARGEST_INPUT or pulse_us > wire.LONGEST_US:
                 raise DeviceError(
-                    f"maestro: feedback {counts} counts, pulse {pulse_us:g} us: no Maestro says that;"
-                    " check the port, the baud rate and that crc is what it is set to"
+                    f"maestro: feedback {counts} counts, pulse {pulse_us:g} us are out of range;"
+                    " check the port, the baud rate and the setting crc"
                 )
             return {
                 "feedback": f"{counts} counts, {self.ring_m(counts) * 1e3:.2f} mm by the present calibration",

@@ -99,7 +99,7 @@ def mask(value: bytes) -> int:
     try:
         number = int(value)
     except ValueError as error:
-        raise DeviceError(f"aerotech: {value!r} is no decimal number") from error
+        raise DeviceError(f"aerotech: {value!r} is not a decimal number") from error
     if not -(1 << 31) <= number < 1 << 32:
         raise DeviceError(f"aerotech: {number} does not fit 32 bits")
     return number & 0xFFFFFFFF

@@ -68,7 +68,7 @@ def read_edf(path: Path) -> EmgFile:
     if file.reserved.startswith(("EDF+D", "BDF+D")):
         clock = next((one for one, label in signals.items() if label == _CLOCK), None)
         if clock is None:
-            raise PalpError(f"{path}: discontinuous, but without the annotations that say when records begin")
+            raise PalpError(f"{path}: discontinuous, without annotations of the records' times")
         starts_s = np.array([_onset(path, record) for record in _bytes(clock, there, wide=wide)])
     padded = min(_held_share(one.digital[-one.samples_per_data_record :]) for one in shown)
     if padded > 0.0:
@@ -160,4 +160,4 @@ def _onset(path: Path, annotations: bytes) -> float:
     try:
         return float(annotations.split(b"\x14", 1)[0].split(b"\x15", 1)[0])
     except ValueError as error:
-        raise PalpError(f"{path}: a record does not say when it begins") from error
+        raise PalpError(f"{path}: a record has no start time") from error

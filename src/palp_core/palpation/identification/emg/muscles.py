@@ -175,7 +175,7 @@ def _choose(file: EmgFile, options: ImportOptions) -> tuple[tuple[int, ...], str
     found = tuple(one for one in chosen if one is not None)
     if len(found) < 2 - alone:
         raise PalpError(
-            f"{file.path}: cannot tell which column is the {'flexor' if chosen[0] is None else 'extensor'}"
+            f"{file.path}: cannot find the column of the {'flexor' if chosen[0] is None else 'extensor'}"
             f"{_twice(file)}; give --fds and --edc an index (--edc none: one muscle) of {_listed(file)}"
         )
     for index in found:

@@ -26,7 +26,7 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
     """Return the phantoms of a file by code."""
     if path and is_sealed(path):
         raise MechanicsError(
-            f"{path} is sealed: read in the open it would tell which phantom is which; run a blinded session "
+            f"{path} is sealed: reading it would unblind the session; run a blinded session "
             "with a person with it (launch/human.yaml blind:=true), or give the file that it was made from"
         )
     if path not in ("", CASTINGS):

@@ -23,7 +23,7 @@ class Levels:
 def to_levels(values: Float64Array, levels: Sequence[float] = LEVELS) -> Levels:
     """Round to the nearest level, half-way values to the upper one; clamp what lies outside, and count it."""
     if np.isnan(values).any():
-        raise PerceptionError("co-contraction holds NaN; there is no level for it")
+        raise PerceptionError("co-contraction contains NaN")
     scale = np.asarray(levels, dtype=np.float64)
     middles = (scale[:-1] + scale[1:]) / 2.0
     low, high = scale[0] - (middles[0] - scale[0]), scale[-1] + (scale[-1] - middles[-1])

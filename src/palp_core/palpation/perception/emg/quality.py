@@ -48,9 +48,7 @@ def quality(
     """Return the quality of one muscle's raw samples."""
     finite = np.isfinite(samples)
     if not finite.any():
-        raise PerceptionError(
-            f"none of {samples.size} EMG samples is a finite number; is it the right column?"
-        )
+        raise PerceptionError(f"{samples.size} EMG samples, none finite; check the column")
     there = samples[finite]
     offset = find_offset(there)
     spread = _MAD_TO_SD * float(np.median(np.abs(there - offset))) or float(there.std())

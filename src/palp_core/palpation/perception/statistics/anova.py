@@ -195,7 +195,7 @@ def fisher(first: tuple[int, int], second: tuple[int, int]) -> float:
     """Return Fisher's exact two-sided p-value of two shares, each (successes, trials)."""
     for right, total in (first, second):
         if not 0 <= right <= total or total < 1:
-            raise PerceptionError(f"{right} of {total} is no share")
+            raise PerceptionError(f"{right} of {total} is not a share")
     table = np.array([[right, total - right] for right, total in (first, second)])
     return float(scipy.stats.fisher_exact(table).pvalue)
 

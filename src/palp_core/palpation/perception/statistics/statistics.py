@@ -45,7 +45,7 @@ def wilson(success_count: int, trial_count: int, *, confidence: float = 0.95) ->
         PerceptionError: No trial, or more successes than trials.
     """
     if trial_count < 1 or not 0 <= success_count <= trial_count:
-        raise PerceptionError(f"{success_count} of {trial_count} is no proportion")
+        raise PerceptionError(f"{success_count} of {trial_count} is not a proportion")
     share, z = success_count / trial_count, scipy.special.ndtri(0.5 + 0.5 * confidence)
     whole = 2 * (trial_count + z**2)
     middle = (2 * trial_count * share + z**2) / whole

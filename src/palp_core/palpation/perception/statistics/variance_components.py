@@ -42,7 +42,7 @@ def estimate(blocks: Sequence[Block], *, confidence: float = 0.95) -> dict[str, 
         raise PerceptionError("a reading is NaN or infinite; drop that sweep")
     for cause in causes:
         if not any(b.cause == cause and b.slope != 0.0 and len(b.groups) > 1 for b in blocks):
-            raise PerceptionError(f"nothing tells '{cause}': no block of it has two groups and answers to it")
+            raise PerceptionError(f"'{cause}' cannot be estimated: no block of it has two groups")
     table = _Table(blocks, causes)
     scale = float(np.sqrt(table.inside / table.dof)) or 1e-300
     units = np.array([scale, *(_start(blocks, cause, scale) for cause in causes)])

@@ -160,5 +160,5 @@ def time_reversed(matrix: Float64Array) -> Float64Array:
 def permuted(matrix: Float64Array, order: Sequence[int]) -> Float64Array:
     """Return the chain with its levels relabelled: level i takes the part of level ``order[i]``."""
     if sorted(order) != list(range(len(matrix))):
-        raise PerceptionError(f"{list(order)} is no permutation of {len(matrix)} levels")
+        raise PerceptionError(f"{list(order)} is not a permutation of {len(matrix)} levels")
     return np.asarray(matrix[np.ix_(list(order), list(order))])

@@ -26,7 +26,7 @@ def rings_of(text: str) -> tuple[float, ...]:
         try:
             ring_mm = float(word)
         except ValueError:
-            raise PerceptionError(f"'{word}' is no ring position in mm; write {PUBLISHED}") from None
+            raise PerceptionError(f"'{word}' is not a ring position in mm; write {PUBLISHED}") from None
         if not 0.0 <= ring_mm <= LARGEST_MM:
             raise PerceptionError(
                 f"a ring position of {word} mm does not lie between 0 and {LARGEST_MM:g} mm"

@@ -58,8 +58,7 @@ def refuse_other_key(summary: RunSummary, folder: Path) -> None:
     path = key_of(asked["phantoms"], asked["key"])
     if not is_sealed(path):
         raise PalpError(
-            f"{path} is gone, and nothing else says which phantom is which: restore it, or begin in another "
-            "folder"
+            f"{path} is missing, and only it has the phantoms' codes; restore it, or use another folder"
         )
     _require_own(Path(path), read_note(folder))
 
@@ -95,7 +94,7 @@ def _unseal(folder: Path, reason: str, key: Path) -> list[tuple[str, str, float]
     if all(row.depth_m is not None for row in rows):
         raise PalpError(f"'{folder}' is not sealed")
     if not is_sealed(key):
-        raise PalpError(f"{key} is no sealed key; name the session's with --key")
+        raise PalpError(f"{key} is not a sealed key; name the session's with --key")
     _require_own(key, read_note(folder))
     own = own_codes(key)
     depths_m = {code: one.bead.depth_m for code, one in sealed_phantoms(key).items() if one.bead is not None}

@@ -208,8 +208,8 @@ def human(design: HumanDesign, again: Sequence[TrialKey] = ()) -> HumanPlan:
         yield from _done(Rest(design.rest_s))
     else:
         raise PerceptionError(
-            f"none of {design.mvc_tries} contractions could be used as MVC: lower the amplifier's gain if "
-            "they were clipped, check the electrodes if they were weak, and begin again"
+            f"{design.mvc_tries} contractions, none usable as MVC; lower the amplifier's gain (clipped), or "
+            "check the electrodes (weak)"
         )
     done = list(trials(design))
     for trial in done.copy():

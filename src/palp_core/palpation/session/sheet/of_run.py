@@ -60,9 +60,7 @@ def asked_human_sheet(summary: RunSummary) -> SessionSheet:
     if path:
         found = read_sheet(path, _codes(asked), by_hand=True)
         if subject and subject != found.subject:
-            raise PalpError(
-                f"{path}: the sheet is of another subject than subject:= says; one of them is wrong"
-            )
+            raise PalpError(f"{path}: the sheet names another subject than subject:=; correct one of them")
     elif source == "person":
         raise PalpError(
             f"{summary.file}: a session with a person needs its sheet: who, on whom, on what, which "
