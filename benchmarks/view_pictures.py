@@ -92,7 +92,6 @@ def graph(studio: Studio) -> Viewing:
 def node(studio: Studio) -> Viewing:
     """A node: its state, parameters, wires, log."""
     studio.live.go("/node/estimator")
-    studio.live.says("classes of the workspace fit its wires")
     studio.live.says("/torque/block")
     studio.live.says(" Hz")
     return studio.live
@@ -110,7 +109,7 @@ def swap(studio: Studio) -> Viewing:
     """The policy, after another has taken over."""
     studio.live.go("/node/policy")
     studio.live.swap(POLICY)
-    studio.live.says(f"swapped: {POLICY} is at work in place of ")
+    studio.live.says(f" -> {POLICY} at ")
     studio.live.says(f"{POLICY}, process ")
     return studio.live
 

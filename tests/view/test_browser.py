@@ -140,27 +140,6 @@ def test_no_page_is_wider_than_a_phone(viewing: Viewing) -> None:
     page.set_viewport_size(before)
 
 
-def test_on_a_phone_the_graph_is_moved_within_its_box_and_a_drag_chooses_no_node(viewing: Viewing) -> None:
-    page, before = viewing.page, viewing.page.viewport_size
-    page.set_viewport_size({"width": 390, "height": 800})
-    viewing.go("/")
-    page.wait_for_selector(".wire text")
-    box = page.locator(".drawing.graph")
-    assert box.evaluate("one => one.scrollWidth > one.clientWidth")
-    node = page.locator("[data-node=source] rect").bounding_box()
-    at = node["x"] + node["width"] / 2, node["y"] + node["height"] / 2
-    page.mouse.move(*at)
-    page.mouse.down()
-    page.mouse.move(at[0] - 60, at[1], steps=4)
-    page.mouse.up()
-    assert box.evaluate("one => one.scrollLeft") > 0
-    assert page.evaluate("() => document.scrollingElement.scrollLeft") == 0
-    assert page.url.rstrip("/") == viewing.base
-    page.locator("[data-node=scale]").click()  # a click is one as before
-    page.wait_for_url(re.compile("/node/scale$"))
-    page.set_viewport_size(before)
-
-
 def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
     browser: Any, shared_palp: Palp, tmp_path: Path
 ) -> None:

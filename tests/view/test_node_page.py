@@ -15,9 +15,10 @@ pytest.importorskip("nicegui.testing.user_simulation")
 from nicegui import ui
 
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.view.pages.node import ports
 from palp_core.view.pages.parameters import parameters_panel
-from palp_core.view.pages.swap import swap_panel, swap_text
+from palp_core.view.pages.swap import choices, swap_text
 from tests.support.view.simulated_user import simulated
 from tests.view.test_pages import SAMPLE, ToySource
 
@@ -89,29 +90,22 @@ def test_the_parameters_are_those_of_the_class_at_work() -> None:
     simulated(panel(node), look)
 
 
-def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_path: Path) -> None:
-    busy = [GraphError("it is busy")]
-
-    def ask(*_: object, **__: object) -> dict[str, Any]:
-        if busy:
-            raise busy[0]
-        return {"inputs": {}, "run": "nodes.a:A"}
-
-    graph = SimpleNamespace(ask=ask, record=SimpleNamespace(workspace=str(tmp_path), nodes=[]))
-    live: Any = SimpleNamespace(graph=graph, overview=ToySource().overview)
-
-    async def look(user: Any) -> None:
-        await user.should_see("asked again: it is busy")
-        choice = user.find(ui.select)
-        (field,) = choice.elements
-        choice.trigger("update:modelValue", "mine.py:Mine")
-        busy.clear()
-        await user.should_see("0 classes of the workspace fit its wires")
-        assert field.value == "mine.py:Mine"
-        choice.trigger("update:modelValue", {"value": 0, "label": "nodes.b:B"})  # of a list that is no more
-        assert field.value == "nodes.b:B"
-
-    simulated(lambda: swap_panel(SimpleNamespace(live=live, operator=live), "sink", None), look)  # type: ignore[arg-type]
+def test_the_node_classes_of_the_workspace_and_of_the_installed_rig_are_offered(tmp_path: Path) -> None:
+    (tmp_path / "nodes").mkdir()
+    for name, text in (
+        (
+            "policy_mine",
+            'raise SystemExit("read, not run")\nclass MineParams(Params): ...\nclass Mine(PolicyNode): ...\n',
+        ),
+        ("policy_fixed", "class Own(PolicyNode): ...\n"),
+        ("half", "class Half("),
+    ):
+        (tmp_path / f"nodes/{name}.py").write_text(text, encoding="utf-8")
+    nodes = [NodeEntry("policy", "nodes.policy_markov:Markov", 1, "", "")]
+    record = RunRecord("rig", "rig:sim.yaml", "sim", 1, 0, "", nodes, [], workspace=str(tmp_path))
+    found = choices(SimpleNamespace(graph=SimpleNamespace(record=record)))  # type: ignore[arg-type]
+    assert {"nodes.policy_mine:Mine", "nodes.policy_fixed:Own", "nodes.policy_markov:Markov"} <= set(found)
+    assert not {"nodes.policy_mine:MineParams", "nodes.policy_fixed:Fixed"} & set(found)
 
 
 def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:
@@ -119,9 +113,9 @@ def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:
     report |= {"gap_s": 2e-3, "held": 3, "shadow": None}
     words, level = swap_text({"report": report})
     assert (words.partition(":")[0], level) == ("swapped", "ok")
-    assert "b:B is at work in place of a:A" in words
+    assert "a:A -> b:B at 1.000 s" in words
     assert swap_text({"report": {**report, "switched": False}})[0].endswith("nothing was changed")
     failed = {"failed": {"step": "check", "text": "it has no output 'out'"}}
-    assert swap_text(failed)[0] == "refused: it has no output 'out'; the old node goes on"
+    assert swap_text(failed)[0] == "refused: it has no output 'out'; the old node continues"
     failed["failed"]["step"] = "configure"
     assert swap_text(failed)[0].startswith("rolled back at step 'configure': ")

@@ -19,7 +19,6 @@ from palp_core.view.source.overview import (
     Overview,
     WireState,
     actions_as_one,
-    shared_processes,
 )
 
 pytest.importorskip("nicegui")
@@ -34,7 +33,6 @@ from palp_core.view.pages.graph import (
     GraphDrawing,
     graph_page,
     pairs_of,
-    shared_text,
     wire_line,
     wire_text,
 )
@@ -162,14 +160,6 @@ def test_the_parts_of_an_action_between_two_nodes_are_one_wire_and_of_a_bag_unco
     counts = (action.received, action.rate_hz, action.latency_p50_s, other.received)
     assert counts == ((22, 16.0, 0.5, 6) if known else (None,) * 4)
     assert wire_text(action) == "/arm/move, an action for /carrier" + (": 22 received" if known else "")
-
-
-def test_what_nodes_in_one_process_take_is_said_once() -> None:
-    composed = [NodeState(name=name, pid=7, cpu_percent=85.0, memory_bytes=120_000_000) for name in "abc"]
-    assert shared_text(composed, shared_processes(composed)) == "all in one process: 85.0 % CPU, 120 MB"
-    alone = [*composed, NodeState(name="d", pid=8, cpu_percent=1.0)]
-    assert shared_text(alone, shared_processes(alone)) == "3 in one process: 85.0 % CPU, 120 MB"
-    assert shared_text(alone[2:], shared_processes(alone[2:])) == ""
 
 
 def test_in_a_graph_of_any_size_each_node_has_a_place_of_its_own_and_each_wire_a_way() -> None:

@@ -69,8 +69,7 @@ def test_a_dry_run_and_a_shadow_say_what_would_be_and_change_nothing(server: Pag
     was = accounts.graph.ask("scale", "info")["run"]
     before = accounts.swaps()
     with closing(PageSocket(server, "/node/scale")) as page:
-        page.says(" fit its wires")
-        swap(page, {"value": 0, "label": "nodes.others:Quiet"}, dry_run=True)  # by its name, not its place
+        swap(page, "nodes.others:Quiet", dry_run=True)
         page.says(f"nodes.others:Quiet could take over from {was}; nothing was changed")
         page.fill("shadow, s", 0.2)
         page.click("swap")
@@ -90,7 +89,7 @@ def test_a_swap_for_which_the_host_has_no_room_is_refused_and_the_graph_goes_on(
     with closing(PageSocket(server, "/node/scale")) as page:
         forks.rlimit(psutil.RLIMIT_NOFILE, (room, before[1]))
         swap(page, "nodes.others:Quiet", dry_run=True)
-        page.says("could not be started: Too many open files; the old node goes on")
+        page.says("could not be started: Too many open files; the old node continues")
         forks.rlimit(psutil.RLIMIT_NOFILE, before)
         page.click("swap")
         page.says("nodes.others:Quiet could take over")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import http.client
 import importlib.util
 import queue
 import signal
-import socket
 import subprocess
 import sys
 import webbrowser
@@ -19,61 +17,41 @@ from palp_core.extras import install_line
 from palp_core.view.server.serve import IdleTimer
 from tests.support.bags import record, run_frames
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.view.browser import address_of
+from tests.support.view.page_socket import PageServer
 
 pytest.importorskip("nicegui")
 IDLE_SOCKETS = 100
 
 
-class Server:
-    """A viewer's process, asked without a browser."""
-
-    def __init__(self, palp: Palp, folder: Path) -> None:
-        self.folder = folder
-        self.process = palp.start("view", folder, "--no-browser")
-        assert self.process.stdout is not None
-        self.address = self.process.stdout.readline().strip()
-        host, _, self.token = self.address.removeprefix("http://").partition("/?token=")
-        self.host, self.port = host, int(host.rpartition(":")[2])
-
-    def connect(self) -> socket.socket:
-        return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
-
-    def get(self, path: str, **headers: str) -> tuple[int, bytes, http.client.HTTPMessage]:
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
-        try:
-            connection.request(
-                "GET", path, headers={name.replace("_", "-"): text for name, text in headers.items()}
-            )
-            answer = connection.getresponse()
-            return answer.status, answer.read(), answer.headers
-        finally:
-            connection.close()
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("bag") / "run", run_frames(20))[0]
 
 
 @pytest.fixture(scope="module")
-def server(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Server:
-    return Server(shared_palp, record(tmp_path_factory.mktemp("bag") / "run", run_frames(20))[0])
+def server(shared_palp: Palp, bag: Path) -> PageServer:
+    return PageServer(address_of(shared_palp.start("view", bag, "--no-browser")))
 
 
-def test_the_printed_address_leads_to_the_page(server: Server) -> None:
-    assert server.address.startswith("http://127.0.0.1:")
-    status, _, headers = server.get(f"/?token={server.token}")
-    assert (status, headers["location"]) == (303, f"/{server.token}/")
-    status, page, headers = server.get(f"/{server.token}/")
-    assert status == 200
-    assert b"<title>run - palp view</title>" in page
-    assert "default-src 'self'" in headers["content-security-policy"]
-    assert f"/{server.token}/_nicegui".encode() in page  # its own files are asked for with the token, too
+def test_the_printed_address_leads_to_the_page(server: PageServer) -> None:
+    moved = server.ask(f"/?token={server.token}")
+    assert (moved.status, moved.headers["location"]) == (303, f"/{server.token}/")
+    page = server.ask(f"/{server.token}/")
+    assert page.status == 200
+    assert b"<title>run - palp view</title>" in page.body
+    assert "default-src 'self'" in page.headers["content-security-policy"]
+    assert f"/{server.token}/_nicegui".encode() in page.body  # its own files need the token, too
 
 
-def test_the_gate_is_in_front(server: Server) -> None:
+def test_the_gate_is_in_front(server: PageServer) -> None:
     for path in ("/", "/_nicegui/static/nicegui.js", "/docs", "/openapi.json", "/wrong/"):
-        assert server.get(path)[0] == 403
-    assert server.get(f"/{server.token}/", Host="rig.example:80")[0] == 421
-    assert server.get(f"/{server.token}/", Origin="http://evil.example")[0] == 403
+        assert server.ask(path).status == 403
+    assert server.ask(f"/{server.token}/", Host="rig.example:80").status == 421
+    assert server.ask(f"/{server.token}/", Origin="http://evil.example").status == 403
 
 
-def test_a_hundred_sockets_that_say_nothing_and_one_that_says_much_keep_nobody_out(server: Server) -> None:
+def test_a_hundred_silent_sockets_and_a_flood_keep_no_browser_out(server: PageServer) -> None:
     idle = [server.connect() for _ in range(IDLE_SOCKETS)]
     flood = server.connect()
     try:
@@ -82,7 +60,7 @@ def test_a_hundred_sockets_that_say_nothing_and_one_that_says_much_keep_nobody_o
             flood.sendall(b"X: " + b"x" * 4096 + b"\r\n")
     except OSError:
         pass  # it has been hung up on, which is as well
-    status, _, _ = server.get(f"/{server.token}/")
+    status = server.ask(f"/{server.token}/").status
     for one in (*idle, flood):
         one.close()
     assert status == 200
@@ -118,11 +96,11 @@ def test_what_is_for_clients_is_not_imported_and_can_be_afterwards() -> None:
     assert done.stdout.splitlines() == ["[]", "aiohttp True"]
 
 
-def test_what_cannot_be_shown_is_refused(palp: Palp, server: Server, tmp_path: Path) -> None:
+def test_what_cannot_be_shown_is_refused(palp: Palp, server: PageServer, bag: Path, tmp_path: Path) -> None:
     for words, why in (
         ((tmp_path / "none",), "no such"),
         ((tmp_path,), "open report.html"),
-        ((server.folder, "--port", server.port), f"--port {server.port}: Address already in use"),
+        ((bag, "--port", server.port), f"--port {server.port}: Address already in use"),
         ((), "to look around: palp launch rig:sim.yaml trials:=100000 --view\n"),
     ):
         done = palp.here("view", *words, "--no-browser")

@@ -86,7 +86,6 @@ def test_samples_of_a_block_stand_at_their_times_and_others_are_spread_since_the
     series = FieldSeries("torque_n_m", BLOCK)
     series.add(sample(1.0, torque_n_m=[0.0]))
     assert series.add(sample(2.0, torque_n_m=[1.0, 2.0])).tolist() == [[1.5, 1.0], [2.0, 2.0]]
-    assert series.last == [1.0, 2.0]
 
 
 def test_a_message_without_the_number_adds_no_point() -> None:

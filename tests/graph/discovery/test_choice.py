@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import msgspec
 import pytest
@@ -17,6 +18,7 @@ from palp_core import Graph
 from palp_core.cli.completion import graphs
 from palp_core.cli.launch.stop_key import stopped_text
 from palp_core.errors import GraphError
+from palp_core.graph.discovery import running_graph
 from palp_core.graph.discovery.choice import WhichGraph, addressed, addressed_advice, choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord, check_free, running
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -25,10 +27,77 @@ from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.loading import endpoints
 from tests.support.palp import CHAIN, Palp
-from tests.support.several import CHANGING, READING, SAFETY, UNASKED, answered_by_nobody
 
 STRANGER = 4_000_000
 INSTEAD = "is running, but elsewhere; name one with --graph NAME, ID or PID:\n"
+
+
+READING: tuple[tuple[str, ...], ...] = (
+    ("node", "list"),
+    ("node", "info", "source"),
+    ("topic", "list"),
+    ("topic", "info", "/source/sample"),
+    ("service", "list"),
+    ("param", "list"),
+    ("param", "get", "source", "rate_hz"),
+    ("param", "describe", "source"),
+    ("param", "dump", "source"),
+    ("lifecycle", "get"),
+    ("lifecycle", "list", "source"),
+)
+CHANGING: tuple[tuple[str, ...], ...] = (
+    ("param", "set", "source", "rate_hz", "50.0"),
+    ("lifecycle", "set", "source", "deactivate"),
+    ("lifecycle", "set", "source", "activate"),
+    ("service", "call", "/scale/weigh", "{factor: 2}"),
+    ("topic", "pub", "--once", "/scale/load", "{load_n: 1, samples: []}"),
+    ("swap", "source", "--reload"),
+)
+SAFETY = (("stop",), ("safety", "ack"))
+UNASKED = {("node", "list"), ("topic", "list")}
+"""Verbs that know the answer from the graph's record."""
+
+
+class Asked(NamedTuple):
+    """A request: the run it went to, by its id, and what it asked."""
+
+    run: str
+    operation: str
+
+
+FIELDS = {"factor": {"type": "integer"}, "load_n": {"type": "number"}, "samples": {"type": "array"}}
+SCHEMA: dict[str, Any] = {"title": "Any", "type": "object", "properties": FIELDS}
+PORT = {"types": [{"json_schema": SCHEMA}] * 2}
+NUMBER = {"type": "float", "value": 1.0, "default": 1.0}
+INFO = {
+    **{part: {} for part in ("params", "published", "inputs", "outputs", "clients", "timers")},
+    **{"name": "source", "run": "nodes.talk:Source", "pid": 1, "lifecycle": "active", "swaps": []},
+    "services": {"weigh": ["WeighRequest", "WeighReply"]},
+    "external": ["load"],
+}
+REPLIES: dict[str, dict[str, Any]] = {
+    "info": INFO,
+    "get_parameters": {"parameters": {"rate_hz": 1.0}},
+    "set_parameters": {"parameters": {"rate_hz": 50.0}},
+    "describe_parameters": {"parameters": {"rate_hz": NUMBER}},
+    "transition": {"lifecycle": "inactive"},
+    "schemas": {"ports": {"weigh": PORT, "load": PORT}},
+    "call": {"reply": {"state": "latched", "cause": "operator", "done": True, "text": "", "warning": ""}},
+    "publish": {"sequence": 1},
+    "swap": {"failed": {"node": "source", "step": "check", "text": "not now"}},
+}
+
+
+def answered_without_nodes(monkeypatch: pytest.MonkeyPatch) -> list[Asked]:
+    """Let requests be answered without nodes; return where each was sent, as it comes."""
+    asked: list[Asked] = []
+
+    def ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
+        asked.append(Asked(Path(endpoint.removeprefix("ipc://")).parent.name, request["op"]))
+        return REPLIES[request["op"]]
+
+    monkeypatch.setattr(running_graph, "_ask", ask)
+    return asked
 
 
 class Bench:
@@ -100,7 +169,7 @@ def give_away(folder: Path) -> None:
 def test_each_command_beside_two_rigs_and_a_strangers_graph_reaches_the_one_that_is_meant(
     bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = answered_by_nobody(monkeypatch)
+    asked = answered_without_nodes(monkeypatch)
     stranger = bench.launch("a")  # of the same name, from the same checkout, and the latest but for two
     rigs = {folder: bench.launch(folder) for folder in ("a", "b")}
     give_away(bench.runs[stranger.id].path)
@@ -120,7 +189,7 @@ def test_each_command_beside_two_rigs_and_a_strangers_graph_reaches_the_one_that
 def test_of_several_graphs_of_a_folder_none_is_changed_and_the_latest_answers_and_is_named(
     bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = answered_by_nobody(monkeypatch)
+    asked = answered_without_nodes(monkeypatch)
     bench.launch("b")
     rigs = [bench.launch("a"), bench.launch("a")]
     for words, extra in itertools.product(
@@ -142,7 +211,7 @@ def test_of_several_graphs_of_a_folder_none_is_changed_and_the_latest_answers_an
 def test_a_graph_of_another_folder_is_taken_only_by_name(
     bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = answered_by_nobody(monkeypatch)
+    asked = answered_without_nodes(monkeypatch)
     rig = bench.launch("a", "left")
     bench.enter("b")
     for words in (*READING, *CHANGING, *SAFETY, ("logs",), ("top", "--once")):
@@ -175,7 +244,7 @@ def test_a_graph_is_found_by_name_id_and_pid_and_its_place_in_time_stays(bench: 
 def test_all_graphs_are_stopped_at_once_and_one_that_is_not_is_named(
     bench: Bench, palp: Palp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = answered_by_nobody(monkeypatch)
+    asked = answered_without_nodes(monkeypatch)
     assert palp.here("stop", "--all").stderr == "no graph is running; start one with: palp launch FILE\n"
     rigs = [bench.launch("a"), bench.launch("b")]
     bench.enter("c")

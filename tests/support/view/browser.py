@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -131,7 +130,6 @@ class Page:
 
     def swap(self, run: str) -> None:
         """Choose a class on the page of a node, and let it take over."""
-        self.page.get_by_text(re.compile(r"\d+ classes of the workspace.* fit its wires")).wait_for()
         self.page.get_by_label("class", exact=True).click()
         self.page.get_by_role("option", name=run, exact=True).click()
         self.page.get_by_role("button", name="swap", exact=True).click()

@@ -17,135 +17,20 @@ PEAK_N_M = 0.0316227766
 NODE = f'''
 import numpy as np
 
-from palp_core import DiagnosticStatus, Message, Node, Params, Progress, Pub, Qos, Srv, State, every, serve
-from palp_core.units import (
-    Count, HertzPositive, Metres, MetresArray, Nanoseconds, NewtonMetres, NewtonMetresArray, Probability,
-    ProbabilityArray, Ratio, RatioArray,
-)
+from msgs.actuator import RingState
+from msgs.emg import CoContraction
+from msgs.estimation import Belief, PrimitivesLearnt
+from msgs.experiment import PhantomTruth, Trial, TrialResult
+from msgs.safety import AcknowledgeReply, AcknowledgeRequest, SafetyBeat, StatusReply, StopRequest
+from msgs.stage import StagePose, SweepStatus
+from msgs.torque import ContactGuard, TorqueBlock
+from palp_core import DiagnosticStatus, Node, Params, Progress, Pub, Qos, Srv, State, every, serve
+from palp_core.units import HertzPositive
 
 DEPTHS_M = [0.002, {DEPTH_M}, 0.008]
 POSTERIOR = np.array({POSTERIOR})
 PEAK_N_M = {PEAK_N_M}
 KEPT = Qos(durability="transient_local", depth=20)
-
-
-class SafetyBeat(Message):
-    stamp_ns: Nanoseconds
-    state: str
-    permits: bool
-    acknowledged_count: Count
-    cause: str = ""
-    text: str = ""
-    warning: str = ""
-
-
-class StopRequest(Message):
-    reason: str = "palp stop"
-
-
-class StatusReply(Message):
-    state: str
-    cause: str
-
-
-class AcknowledgeRequest(Message):
-    pass
-
-
-class AcknowledgeReply(Message):
-    done: bool
-    state: str
-    text: str
-
-
-class StagePose(Message):
-    stamp_ns: Nanoseconds
-    goal_id: Count
-    start_ns: Nanoseconds
-    rate_hz: HertzPositive
-    position_m: MetresArray
-
-
-class SweepStatus(Message):
-    stamp_ns: Nanoseconds
-    goal_id: Count
-    status: str
-
-
-class TorqueBlock(Message):
-    stamp_ns: Nanoseconds
-    start_ns: Nanoseconds
-    rate_hz: HertzPositive
-    over_phantom: bool
-    torque_n_m: NewtonMetresArray
-
-
-class RingState(Message):
-    stamp_ns: Nanoseconds
-    rehome: bool
-    target_m: Metres
-    measured_m: Metres
-    settled: bool
-
-
-class Trial(Message):
-    stamp_ns: Nanoseconds
-    trial: Count
-    phase: str
-    number: Count
-    code: str
-    label_known: bool
-    depth_m: Metres
-
-
-class Belief(Message):
-    stamp_ns: Nanoseconds
-    trial: Count
-    iteration: Count
-    depths_m: MetresArray
-    posterior: ProbabilityArray
-    gain: RatioArray
-    verdict: str
-    estimate_m: Metres
-
-
-class TrialResult(Message):
-    stamp_ns: Nanoseconds
-    trial: Count
-    estimate_m: Metres
-    confidence: Probability
-    probe_count: Count
-    verdict: str
-
-
-class PhantomTruth(Message):
-    stamp_ns: Nanoseconds
-    code: str
-    depth_m: Metres
-
-
-class PrimitivesLearnt(Message):
-    stamp_ns: Nanoseconds
-    depths_m: MetresArray
-    rings_m: MetresArray
-    mean_n_m: NewtonMetresArray
-    sd_n_m: NewtonMetresArray
-    count: RatioArray
-
-
-class ContactGuard(Message):
-    stamp_ns: Nanoseconds
-    words: list[str]
-
-
-class CoContraction(Message):
-    stamp_ns: Nanoseconds
-    start_ns: Nanoseconds
-    rate_hz: HertzPositive
-    value: RatioArray
-    burst_count: Count
-    level: Count
-    level_defined: bool
 
 
 class RigParams(Params):
@@ -180,12 +65,16 @@ class Rig(Node):
         print(f"the bead is near: {{self.params.depth_m}}", flush=True)
         words = "the bead is near"
         self.diagnostics.publish(DiagnosticStatus(stamp_ns=now, level="warn", text=words, advice=words))
-        self.truth.publish(PhantomTruth(stamp_ns=now, code="K7", depth_m=DEPTHS_M[1]))
+        self.truth.publish(PhantomTruth(
+            stamp_ns=now, code="K7", depth_m=DEPTHS_M[1], remount=0, height_offset_m=0.0,
+            rung="l2", bound=0.0))
         means = np.array([0.02, PEAK_N_M, 0.01, 0.02, PEAK_N_M, 0.01])
         self.learnt.publish(PrimitivesLearnt(
             stamp_ns=now, depths_m=np.array(DEPTHS_M), rings_m=np.array([0.008, 0.016]),
-            mean_n_m=means, sd_n_m=means / 20, count=np.full(6, 25.0)))
-        self.guard.publish(ContactGuard(stamp_ns=now, words=["the bead is near: l4 takes over"]))
+            mean_n_m=means, sd_n_m=means / 20, count=np.full(6, 25.0),
+            floor_n_m=1e-6))
+        self.guard.publish(ContactGuard(
+            stamp_ns=now, code="K7", remount=0, ring_m=0.016, words=["the bead is near: l4 takes over"]))
         self.result.publish(TrialResult(
             stamp_ns=now + 1, trial=1, estimate_m=DEPTHS_M[1], confidence=POSTERIOR[1], probe_count=3,
             verdict="decided"))
@@ -196,7 +85,8 @@ class Rig(Node):
             stamp_ns=now, trial=3, number=1, phase="estimation", code="", label_known=False, depth_m=0.0))
         self.belief.publish(Belief(
             stamp_ns=now, trial=3, iteration=1, depths_m=np.array(DEPTHS_M), posterior=POSTERIOR,
-            gain=POSTERIOR * np.log(3 * POSTERIOR), verdict="continue", estimate_m=DEPTHS_M[1]))
+            gain=POSTERIOR * np.log(3 * POSTERIOR), gamma=0.0, gamma_defined=False, verdict="continue",
+            estimate_m=DEPTHS_M[1], confidence=POSTERIOR[1], outlier=False))
         self.progress.publish(Progress(
             stamp_ns=now, phase="estimation", done_count=2, total_count=30, score=0.5, score_defined=True,
             text="trials, right: 4.32179865 mm 1 of 2"))
@@ -212,10 +102,11 @@ class Rig(Node):
             stamp_ns=now, goal_id=goal + 1, start_ns=start, rate_hz=1000.0, position_m=places))
         torque = PEAK_N_M * np.exp(-((places / 0.01) ** 2))
         self.torque.publish(TorqueBlock(
-            stamp_ns=now, start_ns=start, rate_hz=1000.0, over_phantom=True, torque_n_m=torque))
+            stamp_ns=now, start_ns=start, rate_hz=1000.0, over_phantom=True, saturated_count=0,
+            torque_n_m=torque))
         self.cocontraction.publish(CoContraction(
-            stamp_ns=now, start_ns=start, rate_hz=1500.0, value=np.full(75, 0.25), burst_count=4,
-            level=2, level_defined=True))
+            stamp_ns=now, start_ns=start, rate_hz=1500.0, reference_v=1.0, value=np.full(75, 0.25),
+            burst_count=4, level=2, level_defined=True))
 
 
 class SafetyState(State):
@@ -245,7 +136,8 @@ class Safety(Node):
         now = self.now_ns()
         self.status.publish(SweepStatus(stamp_ns=now, goal_id=1, status="sweeping"))
         self.ring.publish(RingState(
-            stamp_ns=now, rehome=False, target_m=0.016, measured_m=0.0161, settled=True))
+            stamp_ns=now, trial=3, iteration=1, rehome=False, target_m=0.016, measured_m=0.0161,
+            settled=True))
 
     @every("rate_hz")
     def go_on(self):
@@ -254,7 +146,8 @@ class Safety(Node):
     def publish_beat(self):
         state = self.state
         self.beat.publish(SafetyBeat(
-            stamp_ns=self.now_ns(), state=state.state, permits=not state.cause, cause=state.cause,
+            stamp_ns=self.now_ns(), state=state.state, permits=not state.cause, permits_sweep=not state.cause,
+            cause=state.cause,
             text=state.text, acknowledged_count=state.acknowledged_count,
             warning="the bead is near" if state.cause else ""))
 
@@ -263,7 +156,9 @@ class Safety(Node):
         state = self.state
         state.state, state.cause, state.text = "latched", "operator", request.reason
         self.publish_beat()
-        return StatusReply(state=state.state, cause=state.cause)
+        return StatusReply(
+            stamp_ns=self.now_ns(), state=state.state, permits=False, permits_sweep=False, cause=state.cause,
+            text=state.text, warning="", acknowledged_count=state.acknowledged_count, checks=[])
 
     @serve(acknowledge)
     def release(self, request):

@@ -150,7 +150,6 @@ def graph_page(viewer: Viewer) -> None:
     with frame(viewer):
         drawing = GraphDrawing()
         text_element("h2", "Nodes")
-        shared = text_element("div", "", "quiet").props('data-what="shared"')
         nodes = LiveTable(NODE_TITLES)
         text_element("h2", "Wires")
         if viewer.source.overview().clock == "sim":
@@ -163,7 +162,6 @@ def graph_page(viewer: Viewer) -> None:
             overview = viewer.source.overview()
             drawing.show(overview)
             one_process = shared_processes(overview.nodes)
-            shared.text = shared_text(overview.nodes, one_process)
             nodes.show(_node_row(node, alone=node.pid not in one_process) for node in overview.nodes)
             wires.show(wire_row(wire) for wire in overview.wires)
 
@@ -198,20 +196,6 @@ class EndPanel:
     def _end(self) -> bool:
         self._operator.end()
         return True
-
-
-def shared_text(nodes: list[NodeState], processes: dict[int, int]) -> str:
-    """Return what processes that several nodes share take, each once."""
-    first = {node.pid: node for node in reversed(nodes)}
-    return "; ".join(
-        f"{'all' if number == len(nodes) else number} in one process: {used}"
-        for pid, number in processes.items()
-        if (used := ", ".join(part for part in (_cpu(first[pid]), _memory(first[pid])) if part))
-    )
-
-
-def _cpu(node: NodeState) -> str:
-    return figure(node.cpu_percent, "% CPU")
 
 
 def _memory(node: NodeState) -> str:

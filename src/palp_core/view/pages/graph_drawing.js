@@ -1,8 +1,7 @@
 // The graph as SVG. Names and words come as text: Vue escapes whatever stands between {{ and }}.
 export default {
   template: `
-    <div class="drawing graph" @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointerleave="held = null"
-      @click.capture="click">
+    <div class="drawing graph">
       <svg :viewBox="'0 0 ' + width + ' ' + height" :width="width" :style="{ minWidth: 0.8 * width + 'px' }" role="group" aria-label="graph">
         <defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" orient="auto">
           <path d="M0 0 L8 4 L0 8" /></marker></defs>
@@ -24,22 +23,4 @@ export default {
       </svg>
     </div>`,
   props: { nodes: Array, wires: Array, width: Number, height: Number },
-  data: () => ({ held: null, dragged: false }),
-  methods: { // a finger moves the picture within its box by itself
-    grasp(event) {
-      this.dragged = false;
-      if (event.pointerType !== "mouse" || event.button) return;
-      this.held = { x: event.clientX + this.$el.scrollLeft, y: event.clientY + this.$el.scrollTop };
-    },
-    drag(event) {
-      if (!this.held) return;
-      const left = this.held.x - event.clientX, top = this.held.y - event.clientY;
-      if (Math.abs(left - this.$el.scrollLeft) + Math.abs(top - this.$el.scrollTop) > 4) this.dragged = true;
-      if (this.dragged) this.$el.scrollTo(left, top);
-    },
-    click(event) { // the end of a drag chooses nothing
-      if (this.dragged) event.stopPropagation();
-      this.dragged = false;
-    },
-  },
 };

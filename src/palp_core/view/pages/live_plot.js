@@ -52,7 +52,7 @@ export function aligned(lists) {
 
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
-  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean, title: String, along: String },
+  props: { names: Array, span: Number, paused: Boolean, file: String, slim: Boolean, even: Boolean, title: String, along: String },
   mounted() {
     this.clear();
     document.addEventListener("visibilitychange", this.unseen);
@@ -75,7 +75,6 @@ export default {
       this.clear();
       this.restart();
     },
-    elements() { this.clear(); this.restart(); },
     span() { this.zoomed = false; this.wanted(); },
     paused() { this.wanted(); },
   },
@@ -91,7 +90,6 @@ export default {
       const look = getComputedStyle(document.body), colour = (name) => look.getPropertyValue(name).trim();
       const line = { stroke: colour("--line"), width: 1 }, font = "12px system-ui, sans-serif";
       const axis = { show: this.names.length > 0, stroke: look.color, font, labelFont: font, labelSize: 18, grid: line, ticks: line };
-      const across = this.elements ? "number of the element" : this.along;
       const units = this.names.map((name) => (name.match(/ \[(.*)\]$/) || ["", ""])[1]);
       const unit = units.every((one) => one === units[0]) ? units[0] : ""; // the legend has each
       const value = (_, one) => (one === null || one === undefined ? "\u2013" : tidy(one));
@@ -104,13 +102,12 @@ export default {
         scales: { x: { time: false } },
         legend: { show: this.names.length > 0, live: !this.slim },
         cursor: { drag: { x: true, y: false }, bind: { dblclick: () => () => this.unzoom() } },
-        axes: [{ ...axis, ...this.titled(across), size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
+        axes: [{ ...axis, ...this.titled(this.along), size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
           { ...axis, ...this.titled(unit), size: 70, space: this.slim ? 14 : 30, values: (_, ticks) => ticks.map(tidy) }],
-        series: [{ label: this.elements ? "element" : "s", value }, ...series],
+        series: [{ label: "s", value }, ...series],
         hooks: { setSelect: [(plot) => { this.zoomed = this.zoomed || plot.select.width > 0; }] },
       };
       this.plot = new uPlot(options, [[], ...series.map(() => [])], this.$el);
-      this.touched(this.plot.over);
       this.fit();
       if (this.paused) this.show();
       else this.wanted();
@@ -125,18 +122,6 @@ export default {
     fit() {
       const { width, height } = this.room();
       if (this.plot && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
-    },
-    touched(over) { // a finger zooms as the mouse does; across a plot it scrolls the page
-      const words = { pointerdown: "mousedown", pointermove: "mousemove", pointerup: "mouseup" };
-      for (const [name, word] of Object.entries(words)) {
-        over.addEventListener(name, (event) => {
-          if (event.pointerType === "mouse") return;
-          const { clientX, clientY } = event, tell = (what) =>
-            over.dispatchEvent(new MouseEvent(what, { clientX, clientY, button: 0, bubbles: true }));
-          if (name === "pointerdown") tell("mousemove");
-          tell(word);
-        });
-      }
     },
     unzoom() {
       this.zoomed = false;
@@ -155,7 +140,7 @@ export default {
       batches.forEach((batch, i) => {
         const kept = this.points[i];
         if (!kept || !batch.length) return;
-        if (kept.length && batch[0][0] < kept[kept.length - 1][0] - 1) this.begin_anew(kept);
+        if (kept.length && batch[0][0] < kept[kept.length - 1][0] - 1) this.start_again(kept);
         kept.push(...batch);
         const begin = kept[kept.length - 1][0] - this.span;
         let old = Math.max(kept.length - MOST, 0);
@@ -164,12 +149,7 @@ export default {
       });
       this.wanted();
     },
-    put(lists, number) {
-      this.given = number;
-      this.points = lists.map((list) => list.map((value, i) => [i, value]));
-      this.wanted();
-    },
-    begin_anew(kept) {
+    start_again(kept) {
       kept.length = 0;
       this.edge = -Infinity;
     },
@@ -186,7 +166,7 @@ export default {
       });
     },
     show() {
-      const whole = !this.zoomed && !this.elements; // what is looked at closely is drawn point by point
+      const whole = !this.zoomed; // a zoomed plot is drawn point by point
       this.draw(aligned(this.points.map((list) => (whole ? thinned(list, this.span) : list))));
     },
     // Draw, and now rather than in the next frame: then it is known how long that takes.
@@ -205,7 +185,6 @@ export default {
     // The window ends at the newest point and moves on evenly until the next comes.
     window_at(newest) {
       if (!Number.isFinite(newest)) return { min: 0, max: 1 };
-      if (this.elements) return { min: 0, max: Math.max(newest, 1) };
       const since_s = !this.even ? 0 : Math.min(this.drawn - this.came, STILL_MS) / 1000;
       this.edge = Math.max(this.edge, newest + since_s);
       const oldest = Math.min(...this.points.map((list) => (list.length ? list[0][0] : Infinity)));
@@ -213,7 +192,7 @@ export default {
       return { min, max: Math.max(this.edge, min + 1e-3) };
     },
     go_on() {
-      if (this.moving || !this.even || this.elements || this.took_ms > SLOW_MS) return;
+      if (this.moving || !this.even || this.took_ms > SLOW_MS) return;
       this.moving = true;
       requestAnimationFrame((now) => {
         this.moving = false;
@@ -233,7 +212,7 @@ export default {
       let x = 70 * devicePixelRatio;
       if (this.title) {
         ink.fillStyle = look.color;
-        ink.fillText(this.elements ? `${this.title}, by element` : `${this.title}, over ${this.along}`, x, 0.75 * line);
+        ink.fillText(`${this.title}, over ${this.along}`, x, 0.75 * line);
       }
       this.names.forEach((name, i) => {
         ink.fillStyle = look.getPropertyValue(COLOURS[i % COLOURS.length]).trim();

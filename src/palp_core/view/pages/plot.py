@@ -40,7 +40,7 @@ class LivePlot(PacedElement, component="live_plot.js", esm={"palp-uplot": "uplot
 
     def __init__(self, file: str) -> None:
         super().__init__()
-        self._props.update(elements=False, slim=False, even=False)
+        self._props.update(slim=False, even=False)
         self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="", along="time in s")
 
     def shape(self, **props: Any) -> None:
@@ -51,9 +51,6 @@ class LivePlot(PacedElement, component="live_plot.js", esm={"palp-uplot": "uplot
     def add(self, batches: Sequence[Float64Array]) -> None:
         """Add points, for each series an array of shape (n, 2): time in s, value; nan is a gap."""
         self.send("add", [points.round(DIGITS) for points in batches])
-
-    def put(self, lists: list[list[float]]) -> None:
-        self.send("put", lists)
 
 
 class _Plotted:
@@ -103,8 +100,6 @@ def plot_panel(
         )
         span = ui.select(SPANS_S, value=window_s, label="window")
         span.props("dense outlined").style("min-width: 7rem")
-        elements = ui.checkbox("by element")
-        elements.tooltip("the elements of an array by their number, of the last message")
         pause = ui.button("pause").props("outline dense no-caps")
         save = ui.button("PNG").props("outline dense no-caps")
         table = ui.button("CSV").props("outline dense no-caps")
@@ -160,15 +155,11 @@ def plot_panel(
         came = plotted.take(watch, float(span.value))
         if plot.busy or paused or not (came or any(len(points) for points in plotted.waiting)):
             return
-        if elements.value:
-            plot.put([series.last for series in plotted.series])
-        else:
-            plot.add(plotted.waiting)
+        plot.add(plotted.waiting)
         plotted.release()
 
     chosen.on_value_change(choose)
     span.on_value_change(widen)
-    elements.on_value_change(lambda: plot.shape(elements=bool(elements.value)))
     pause.on_click(toggle)
     save.on_click(lambda: plot.run_method("save"))
     name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"

@@ -1,8 +1,9 @@
-"""Another class in a node's place, from its page: what fits, and steps and outcome as they happen."""
+"""Swap a node from its page: choose a class, and follow the steps and the outcome."""
 
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -13,29 +14,27 @@ from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.swap.swap import STEPS, TIMEOUT_S
-from palp_core.graph.workspaces.modules import module_file, short_name
+from palp_core.graph.workspaces.modules import module_file
 from palp_core.graph.workspaces.underlays import Underlay, underlays
 from palp_core.view.pages.parts import CHANGES, StatusLine, text_element
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.live import LiveSource
-from palp_core.view.source.overview import ACTION
-from palp_core.view.source.swap_choices import fitting
 
 LOOK_S = 0.1
-ASK_AGAIN_S = 1.0
-"""After a node that was too busy to answer."""
+_CLASS = re.compile(r"^class (\w+)\(", re.MULTILINE)
 
 
 def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]) -> None:
-    """Put up the panel of a node; after a swap it updates the rest of the page."""
+    """Show the panel of a node; ``changed`` updates the rest of the page after a swap."""
     live, operator = viewer.live, viewer.operator
     if live is None or operator is None:
         return
     text_element("h2", "Swap")
     with ui.element("div").classes("row-of"):
-        choice = _ByName(
-            [], label="class, or FILE.py:Class", with_input=True, new_value_mode="add-unique", clearable=True
-        )
+        choice = ui.select(
+            choices(live), label="class, or FILE.py:Class",
+            with_input=True, new_value_mode="add-unique", clearable=True,
+        )  # fmt: skip
         choice.props('dense outlined aria-label="class"').style("min-width: 22rem")
         params = ui.input(label="parameters").props("dense outlined").tooltip("as in ring_mm:=8 gain:=2")
         shadow = ui.number(label="shadow, s", value=0, min=0).props("dense outlined").style("width: 7rem")
@@ -44,21 +43,8 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
         dry = ui.checkbox("dry run")
         dry.tooltip("try every step, or the shadow, and change nothing")
         button = ui.button("swap").props("dense no-caps").classes(CHANGES)
-    fit = text_element("div", "looking for classes that fit its wires", "quiet")
     steps = _Steps()
     outcome = StatusLine()
-
-    async def find(done: str = "") -> None:
-        try:
-            found = await run.io_bound(choices, live, name)
-        except GraphError as error:
-            fit.text = f"what fits its wires is not known yet, and asked again: {error}"
-            return
-        looking.deactivate()
-        chosen = choice.value  # maybe just now, while the answer was on its way
-        choice.set_options([*found, *([chosen] if chosen and chosen not in (*found, done) else [])])
-        below = "".join(f" and of '{one.name}' under it" for one in under(live))
-        fit.text = f"{len(found)} classes of the workspace{below} fit its wires"
 
     async def go() -> None:
         wanted = str(choice.value or "")
@@ -88,19 +74,8 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
             steps.end(answer)
             outcome.show(*swap_text(answer))
             await changed()
-            await find(wanted)  # the class that went is a choice now
 
     button.on_click(go)
-    looking = ui.timer(ASK_AGAIN_S, find)
-
-
-class _ByName(ui.select):  # type: ignore[misc]
-    """A choice that a browser sends by its name: its place is that of another once the list changes."""
-
-    def _event_args_to_value(self, e: Any) -> Any:
-        if isinstance(e.args, dict):
-            e.args = str(e.args.get("label", ""))
-        return super()._event_args_to_value(e)
 
 
 class _Steps:
@@ -140,20 +115,18 @@ def _progress(live: LiveSource) -> dict[str, Any]:
         return {}
 
 
-def choices(live: LiveSource, name: str) -> list[str]:
-    """Return the classes of the workspace, and of those under it, that may take a node's place."""
-    workspace, overview = live.graph.record.workspace, live.overview()
-    outgoing = [  # not what comes from outside, nor actions: whether those fit the launcher says
-        wire for wire in overview.wires if wire.source == name != wire.reader and wire.type != ACTION
-    ]
-    read = {wire.topic.rpartition("/")[2] for wire in outgoing}
-    node = live.graph.ask(name, "info", timeout_s=2.0)  # it knows what runs sooner than the record
-    wired = {str(one["port"]) for one in node["inputs"].values()}
+def choices(live: LiveSource) -> list[str]:
+    """Return the node classes of the workspace and of those under it; the check of a swap refuses misfits."""
+    workspace = live.graph.record.workspace
     if not workspace:
         return []
-    module, _, name_of_class = str(node["run"]).rpartition(":")
-    run = f"{short_name(module, workspace)}:{name_of_class}"
-    return fitting(Path(workspace), run, read, wired, [one.folder for one in under(live)])
+    found: dict[str, list[str]] = {}
+    for folder in (Path(workspace), *(one.folder for one in under(live))):
+        for file in sorted((folder / "nodes").glob("*.py")):
+            names = _CLASS.findall(file.read_text(encoding="utf-8", errors="replace"))
+            nodes = [name for name in names if not name.endswith(("Params", "State"))]
+            found.setdefault(file.stem, [f"nodes.{file.stem}:{name}" for name in nodes])
+    return [run for runs in found.values() for run in runs]
 
 
 def under(live: LiveSource) -> list[Underlay]:
@@ -169,7 +142,7 @@ def under(live: LiveSource) -> list[Underlay]:
 
 
 def assigned(text: str) -> dict[str, Any]:
-    """Return parameters from words ``name:=value``, values as in YAML.
+    """Parse ``name:=value ...``, values as in YAML.
 
     >>> assigned("ring_mm:=8 name:=a")
     {'ring_mm': 8, 'name': 'a'}
@@ -186,14 +159,14 @@ def assigned(text: str) -> dict[str, Any]:
 
 
 def swap_text(answer: dict[str, Any]) -> tuple[str, str]:
-    """Return what came of a swap, in words, and how good that is."""
+    """Return the outcome of a swap as a text, and its level."""
     if failed := answer.get("failed"):
         what = "refused" if failed["step"] == "check" else f"rolled back at step '{failed['step']}'"
-        return f"{what}: {failed['text']}; the old node goes on", "error"
+        return f"{what}: {failed['text']}; the old node continues", "error"
     report = answer["report"]
     shadow = f"{report['shadow']['text']}. " if report["shadow"] else ""
     if not report["switched"]:
         return f"{shadow}{report['after']} could take over from {report['before']}; nothing was changed", "ok"
     took = f"gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited"
-    after = f"{report['after']} is at work in place of {report['before']} since {report['at_s']:.3f} s"
+    after = f"{report['before']} -> {report['after']} at {report['at_s']:.3f} s"
     return f"swapped: {after}; {took}{shadow and f'. {shadow.strip()}'}", "ok"

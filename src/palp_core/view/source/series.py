@@ -45,7 +45,7 @@ def number_fields(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 class FieldSeries:
-    """The values of one field over the graph's time; ``last`` has the elements of the last message."""
+    """The values of one field over the graph's time."""
 
     def __init__(self, field: str, schema: dict[str, Any]) -> None:
         self.field = field
@@ -57,7 +57,6 @@ class FieldSeries:
             raise GraphError(f"field '{field}' holds no numbers")
         unit = unit_of(at)
         self.label = field + (f" [{unit}]" if unit and unit != "1" else "")
-        self.last: list[float] = []
         self._kept: deque[Float64Array] = deque()
         self._kept_count = 0
         self._before: Sample | None = None
@@ -79,7 +78,6 @@ class FieldSeries:
         except (GraphError, KeyError, TypeError):  # a shorter array, a message that cannot be shown
             return NO_POINTS
         values = np.atleast_1d(np.asarray(value, dtype=float))
-        self.last = values.tolist()
         times_s, follows = self._times(sample, len(values), before)
         found = np.column_stack((times_s, values))
         finite = np.isfinite(values)
