@@ -1,4 +1,4 @@
-"""What MkDocs asks while it builds the site: pages that are made from the code, and Mermaid beside them."""
+"""Hooks of MkDocs: add the pages that are made from the code, and Mermaid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference of launch files, made from the table of keys that the checker goes by."""
+"""The reference of launch files, made from the checker's table of keys."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _section(place: str, keys: type[Keys]) -> Iterator[str]:
 
 
 def _about(kind: inspect.Type) -> dict[str, Any]:
-    """Return what is said of a key beside its type."""
+    """Return the description of a key next to its type."""
     found: dict[str, Any] = {}
     while isinstance(kind, inspect.Metadata):
         found = {**(kind.extra or {}), **(kind.extra_json_schema or {}), **found}
@@ -130,7 +130,7 @@ def _about(kind: inspect.Type) -> dict[str, Any]:
 
 
 def form_of(kind: inspect.Type) -> str:
-    """Return in words what stands at a key."""
+    """Return the kind of value of a key."""
     if isinstance(kind, inspect.Metadata):
         text = form_of(kind.type)
         return f"{text}; or a selection" if (kind.extra or {}).get("selects") else text

@@ -1,4 +1,4 @@
-"""Pages that nobody writes: each is made from the code."""
+"""Pages that are generated from the code."""
 
 from __future__ import annotations
 

@@ -75,11 +75,11 @@ def _section(place: str, title: str, kind: type) -> Iterator[str]:
     yield (f"At `{place}`. " if place else "") + (inspect.getdoc(kind) or "").splitlines()[0] + "\n"
     yield "| key | default | bounds | meaning |"
     yield "|---|---|---|---|"
-    said = _sentences(kind)
+    sentences = _sentences(kind)
     for field in dataclasses.fields(kind):
         words = " or ".join(f"`{word}`" for word in _WORDS.get(field.name, ()))
         bound = words or _bounds(kind, field)
-        yield f"| `{field.name}` | {_default(field)} | {bound} | {said[field.name]} |"
+        yield f"| `{field.name}` | {_default(field)} | {bound} | {sentences[field.name]} |"
     yield ""
 
 

@@ -67,8 +67,8 @@ def _row(parameter: Any, context: Any) -> str:
     if record is None:
         return ""
     names, text = record
-    said = _flat(text).replace("|", r"\|").replace("<", "&lt;").replace("[", r"\[")
-    return f"| `{_flat(names)}` | {said} |\n"  # a bar within code divides no cells
+    shown = _flat(text).replace("|", r"\|").replace("<", "&lt;").replace("[", r"\[")
+    return f"| `{_flat(names)}` | {shown} |\n"  # a bar within code divides no cells
 
 
 def _flat(text: str) -> str:
@@ -76,5 +76,5 @@ def _flat(text: str) -> str:
 
 
 def _prose(text: str) -> str:
-    """Return a docstring as paragraphs; what begins with a form feed is for nobody."""
+    """Return a docstring as paragraphs; what begins with a form feed is left out."""
     return text.partition("\f")[0].replace("<", "&lt;").strip()

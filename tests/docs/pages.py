@@ -1,13 +1,13 @@
 """The blocks of a page of documentation, and how they are run as a reader would: in order, in one folder.
 
-A block of ``sh``, ``python`` or ``yaml`` is run unless a comment directly before it says why not::
+A block of ``sh``, ``python`` or ``yaml`` is run unless a comment directly before it gives a reason::
 
     <!-- not run: needs a rig -->
 
 ``sh`` is typed into bash, ``python`` given to the interpreter. A block of any language whose first line is
-``# name.ext`` is a file: it is written, and other blocks use it. ``<!-- beside -->`` before a block of ``sh``
-has it go on while the next ones run, as in a second terminal. A block of ``output`` is what its reader sees
-of the block before: each of its lines stands in the output, in this order; ``...`` is for what differs.
+``# name.ext`` is a file: it is written, and other blocks use it. ``<!-- background -->`` before a block of
+``sh`` keeps it running while the next ones run, as in a second terminal. A block of ``output`` is the output
+of the block before: each of its lines must be in it, in this order; ``...`` is for what differs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 RUN = ("sh", "python", "yaml")
 _BLOCK = re.compile(r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$", re.M | re.S)
-_COMMENT = re.compile(r"<!-- (?P<word>not run|beside)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
+_COMMENT = re.compile(r"<!-- (?P<word>not run|background)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
 _FILE = re.compile(r"\A# ([\w./-]+\.\w+)\n")
 ALONE = ("docs/tutorial/", "docs/how_to/", "reference/")
 """Pages whose reader has an installed palp and no checkout."""
@@ -40,17 +40,17 @@ class Block:
 
     Attributes:
         line: Where it begins in its page.
-        language: As the page says.
-        text: What stands in it.
+        language: Of the page.
+        text: Its content.
         why_not: Why it is not run; "": it is.
-        beside: It goes on while the next ones run.
+        background: It keeps running while the next ones run.
     """
 
     line: int
     language: str
     text: str
     why_not: str = ""
-    beside: bool = False
+    background: bool = False
 
     @property
     def file(self) -> str:
@@ -66,24 +66,24 @@ def blocks(text: str) -> Iterator[Block]:
         comment = _COMMENT.search(before)
         inner = "".join(line.removeprefix(indent) for line in found["text"].splitlines(keepends=True))
         why_not = comment["why"] or "" if comment and comment["word"] == "not run" else ""
-        beside = comment is not None and comment["word"] == "beside"
-        yield Block(before.count("\n") + 1, found["language"], inner, why_not, beside)
+        background = comment is not None and comment["word"] == "background"
+        yield Block(before.count("\n") + 1, found["language"], inner, why_not, background)
 
 
 class Reader:
-    """Somebody who does what a page says.
+    """A reader who follows a page.
 
     Args:
         text: The page.
-        name: What it is called; who reads one of :data:`ALONE` has an empty folder, others a checkout's.
-        folder: Where he is.
-        palp: Whose environment he has.
+        name: Its path; a reader of :data:`ALONE` has an empty folder, others a checkout's.
+        folder: The present folder.
+        palp: Gives the environment.
     """
 
     def __init__(self, text: str, name: str, folder: Path, palp: Palp) -> None:
         self._text, self._name, self._folder, self._palp = text, name, folder, palp
         self._at = folder
-        self._beside: list[subprocess.Popen[str]] = []
+        self._background: list[subprocess.Popen[str]] = []
         self._commands = folder.parent / f"{folder.name}_bin"
         self._commands.mkdir()
         folder.mkdir(exist_ok=True)
@@ -101,7 +101,7 @@ class Reader:
             )
 
     def read(self) -> dict[int, str]:
-        """Do all that the page says; return by line what each block printed."""
+        """Run the whole page; return the output of each block by its line."""
         printed: dict[int, str] = {}
         last = ""
         try:
@@ -126,7 +126,7 @@ class Reader:
         assert block.language != "yaml", f"{where}: what file is it? begin it with '# name.yaml'"
         shell = block.language == "sh"
         place = self._commands / "place"  # a shell that changes its folder has done so for what follows
-        typed = block.text if block.beside else f"{block.text}\npwd > {place}"
+        typed = block.text if block.background else f"{block.text}\npwd > {place}"
         command = ["bash", "-eo", "pipefail", "-c", typed] if shell else [sys.executable, "-c", block.text]
         environment = {**self._palp.environment, "PATH": f"{self._commands}:{os.environ['PATH']}"}
         process = subprocess.Popen(
@@ -139,8 +139,8 @@ class Reader:
             text=True,
             start_new_session=True,
         )
-        if block.beside:
-            self._beside.append(process)
+        if block.background:
+            self._background.append(process)
             self._wait_for_graph(process)
             return ""
         printed, _ = process.communicate(timeout=PATIENCE_S)
@@ -162,11 +162,11 @@ class Reader:
         for wanted in filter(None, map(str.strip, block.text.splitlines())):
             form = re.compile(".*?".join(map(re.escape, wanted.split("..."))))
             found = any(form.fullmatch(line.strip()) for line in rest)
-            assert found, f"{self._name}:{block.line}: nobody sees '{wanted}' of\n{printed}"
+            assert found, f"{self._name}:{block.line}: not printed: '{wanted}' in\n{printed}"
 
     def _end(self) -> None:
-        """End what still runs beside."""
-        for process in self._beside:
+        """End what still runs in the background."""
+        for process in self._background:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGINT)
             process.communicate(timeout=PATIENCE_S)

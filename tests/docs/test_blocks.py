@@ -1,4 +1,4 @@
-"""What the documentation tells its reader to type works, and shows what the documentation says."""
+"""Each command of the documentation works and prints what the page shows."""
 
 from __future__ import annotations
 
@@ -29,18 +29,20 @@ def has_something_to_run(page: str) -> bool:
 def test_each_block_is_run_or_says_why_not() -> None:
     for page in PAGES:
         text = text_of(page)
-        comments = text.count("<!-- not run") + text.count("<!-- beside")
+        comments = text.count("<!-- not run") + text.count("<!-- background")
         found = list(blocks(text))
-        assert comments == sum(bool(block.why_not or block.beside) for block in found), f"{page}: no block"
+        assert comments == sum(bool(block.why_not or block.background) for block in found), (
+            f"{page}: no block"
+        )
         for block in found:
             where = f"{page}:{block.line}"
             assert block.language, f"{where}: which language is it? text, if it is none"
             if block.language == "yaml" and not block.why_not:
-                assert block.file, f"{where}: begin it with '# name.yaml', or say why it is no file"
+                assert block.file, f"{where}: begin it with '# name.yaml', or give a reason to skip it"
 
 
 def read_whole(text: str, page: str, folder: Path, palp: Palp) -> None:
-    Reader(text, page, folder / "at_work", palp).read()
+    Reader(text, page, folder / "place", palp).read()
     assert palp.all_gone(within_s=60)
 
 
@@ -86,7 +88,7 @@ def test_a_reader_types_what_stands_there_and_compares_what_he_sees(palp: Palp, 
     ("was", "becomes", "complaint"),
     [
         ("<!-- not run: needs a rig -->\n", "", "sample:2: status 1"),
-        ("... done", "... undone", "sample:17: nobody sees '... undone'"),
+        ("... done", "... undone", "sample:17: not printed: '... undone'"),
         ("# some.yaml\n", "", "sample:7: what file is it?"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The site in a real browser: diagrams are drawn, nobody else is asked, and a phone shows all of it."""
+"""The site in a real browser: diagrams are drawn, nothing comes from elsewhere, a phone shows all of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PHONE = {"width": 390, "height": 844}
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    """Serves a folder and says nothing."""
+    """Serves a folder without a log."""
 
     def log_message(self, format: str, *arguments: object) -> None:
         pass
@@ -38,7 +38,7 @@ def address(site: Path) -> Iterator[str]:
 
 
 @pytest.mark.nightly
-def test_diagrams_are_drawn_and_nobody_else_is_asked(browser: Any, address: str, site: Path) -> None:
+def test_diagrams_are_drawn_and_nothing_is_fetched_elsewhere(browser: Any, address: str, site: Path) -> None:
     names = [file.relative_to(site) for file in site.rglob("*.html") if 'class="diagram"' in file.read_text()]
     assert names
     page = browser.new_page()

@@ -1,1 +1,1 @@
-"""The live page of any graph in the browser: what is shown, who may press what, and the pages."""
+"""The live page of any graph in the browser: data, permissions, server, pages."""

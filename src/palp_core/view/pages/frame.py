@@ -1,4 +1,4 @@
-"""What stands on top of every page: which graph, which run, how late it is, and what is wrong."""
+"""The top of every page: graph, run, time and troubles."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
 
 
 def _heading(viewer: Viewer, overview: Overview) -> tuple[str, str, list[Trouble]]:
-    """Return the word that heads a page, how good it is, and what is wrong besides what it says."""
+    """Return the word that heads a page, its level, and the other troubles."""
     wrong = overview.troubles
     if not overview.alive:
         return "ended" if overview.kind == "graph" else "over", "unknown", wrong
@@ -97,7 +97,7 @@ def time_bar(source: RecordedSource) -> None:
         where.text = f"{shown_s[0]:.3f} s, of {source.start_s:.3f} to {source.end_s:.3f}"
 
     def seek() -> None:
-        if bar.value != shown_s[0]:  # somebody has moved it
+        if bar.value != shown_s[0]:  # moved by the user
             source.seek(float(bar.value))
             show()
 

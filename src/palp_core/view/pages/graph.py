@@ -36,7 +36,7 @@ MOST_LINES = 2
 
 
 QUESTION = "Every node of it ends, and no page can start it again?"
-ASKED = "the graph was asked to end; it is under way until the strip on top says that it has ended"
+ASKED = "ending the graph; the strip on top shows when it has ended"
 
 
 class GraphDrawing(Element, component="graph_drawing.js"):  # type: ignore[misc, call-arg]
@@ -170,7 +170,7 @@ def graph_page(viewer: Viewer) -> None:
 
 
 class EndPanel:
-    """Ends the graph as Ctrl-C at its launch does; what forbids it stands next to the button."""
+    """Ends the graph as Ctrl-C at its launch does; a refusal is shown next to the button."""
 
     def __init__(self, viewer: Viewer) -> None:
         assert viewer.operator is not None
@@ -187,7 +187,7 @@ class EndPanel:
         self._why.text = why
         self._press.allow(why)
         if not self._viewer.source.overview().alive:
-            self._outcome.show("")  # the strip says that it has ended
+            self._outcome.show("")  # the strip shows that it has ended
 
     async def _do(self) -> None:
         if await self._outcome.run(self._end):

@@ -1,4 +1,4 @@
-"""Where nodes and wires stand in the picture of a graph: from left to right as messages go.
+"""Places of nodes and wires in the picture of a graph: from left to right as messages go.
 
 In layers, after Sugiyama: a wire over several columns has a place of its own in each of those between, so
 that it goes around nodes; a wire that leads back goes below all of them.
@@ -43,7 +43,7 @@ class Layout(msgspec.Struct, frozen=True):
 
 
 def layout(nodes: Iterable[str], wires: Iterable[Ends]) -> Layout:
-    """Return where nodes and wires stand."""
+    """Return the places of nodes and wires."""
     names = list(nodes)
     rank = {name: place for place, name in enumerate(names)}
     known = sorted(
@@ -112,7 +112,7 @@ def _without_circles(names: list[str], wires: list[Ends]) -> list[Ends]:
 def _spots(
     names: list[str], forward: list[Ends], column: dict[str, int]
 ) -> tuple[dict[int, list[Spot]], list[tuple[Spot, Spot]]]:
-    """Return what stands in each column, and what is linked from one column to the next."""
+    """Return the spots of each column, and the links from one column to the next."""
     spots: dict[int, list[Spot]] = {number: [] for number in range(max(column.values(), default=0) + 1)}
     for name in names:
         spots[column[name]].append((name, "", 0))
@@ -128,7 +128,7 @@ def _spots(
 
 
 def _middles(spots: dict[int, list[Spot]], links: list[tuple[Spot, Spot]]) -> dict[Spot, float]:
-    """Return how far down the middle of each stands, 0 being the picture's: near what it is linked to."""
+    """Return the height of each spot's middle, 0 being the picture's: near its neighbours."""
     before: dict[Spot, list[Spot]] = {}
     after: dict[Spot, list[Spot]] = {}
     for left, right in links:
@@ -149,7 +149,7 @@ def _middles(spots: dict[int, list[Spot]], links: list[tuple[Spot, Spot]]) -> di
 
 
 def _stacked(column: list[Spot]) -> dict[Spot, float]:
-    """Return the middles of what stands in a column, one below the other around 0."""
+    """Return the middles of a column's spots, one below the other around 0."""
     sizes = [LANE if spot[1] else ROW for spot in column]
     at, found = -sum(sizes) / 2, {}
     for spot, size in zip(column, sizes, strict=True):

@@ -127,12 +127,12 @@ export default {
       this.zoomed = false;
       this.show();
     },
-    tell() { // so the server sends what comes next, and never more than what can be drawn
+    acknowledge() { // so the server sends what comes next, and never more than what can be drawn
       if (this.given !== undefined) this.$emit("taken", this.given);
       this.given = undefined;
     },
     unseen() { // what nobody sees is kept, and drawn when it is looked at again
-      if (document.hidden && !this.waits) this.waits = setTimeout(() => { this.waits = 0; this.tell(); }, UNSEEN_MS);
+      if (document.hidden && !this.waits) this.waits = setTimeout(() => { this.waits = 0; this.acknowledge(); }, UNSEEN_MS);
     },
     add(batches, number) {
       this.given = number;
@@ -159,7 +159,7 @@ export default {
       this.asked = true;
       requestAnimationFrame(() => {
         this.asked = false;
-        this.tell();
+        this.acknowledge();
         if (!this.plot || this.paused) return;
         this.show();
         this.go_on();

@@ -1,4 +1,4 @@
-"""The parameters of the class at work in a node, each with its value in force and a field for another."""
+"""The parameters of a node's class, each with its value in force and a field for another."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]
     shown: list[object] = []
 
     async def ask() -> None:
-        of = _at_work(viewer, name)
+        of = _running_class(viewer, name)
         reply = await outcome.run(lambda: live.graph.ask(name, "describe_parameters"))
         if reply is None:
             return
@@ -40,15 +40,15 @@ def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]
                 doc_text(reply.get("about"))
 
     async def follow() -> None:
-        if shown != [_at_work(viewer, name)]:
+        if shown != [_running_class(viewer, name)]:
             await ask()
 
     ui.timer(FOLLOW_S, follow)
     return ask
 
 
-def _at_work(viewer: Viewer, name: str) -> object:
-    """Return the class at work and its process."""
+def _running_class(viewer: Viewer, name: str) -> object:
+    """Return the running class and its process."""
     return next(((one.run, one.pid) for one in viewer.source.overview().nodes if one.name == name), None)
 
 
@@ -110,7 +110,7 @@ def _entry(one: dict[str, Any]) -> Any:
 
 
 def refused(name: str, text: str, why: str) -> str:
-    """Return why a value was refused, in words; of one that does not fit its bounds, what is expected.
+    """Return why a value was refused; for one out of its bounds, what is expected.
 
     >>> refused("level", "5", "/a: parameters: Expected `float` <= 1.0 - at `$.level`")
     'level: 5 is refused: expected float <= 1.0'
@@ -125,7 +125,7 @@ def refused(name: str, text: str, why: str) -> str:
 
 
 def typed(value: Any) -> str:
-    """Return a value as one types it.
+    """Return a value as it is typed.
 
     >>> typed(0.1), typed("a"), typed([1, 2]), typed(True), typed(None)
     ('0.1', 'a', '[1, 2]', 'true', '')

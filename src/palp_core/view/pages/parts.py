@@ -1,4 +1,4 @@
-"""Small parts of which the pages are made; whatever they are given is shown as text."""
+"""Small parts of the pages; all that they are given is shown as text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlo
 
 
 CHANGES = "changes"
-"""Class of a button that changes the graph: refused, it looks dead, and says why when it is pressed."""
+"""Class of a button that changes the graph: if refused, it looks dead and shows why when pressed."""
 
 RARE_HZ = 0.05
 """What would be written as 0.0 Hz."""
@@ -102,7 +102,7 @@ class LiveTable(Element, component="live_table.js"):  # type: ignore[misc, call-
             self.update()
 
     def _displayed_contents(self, *, only_visible: bool) -> list[Any]:
-        """Return what it says: by this NiceGUI's simulated user sees it."""
+        """Return its texts, for NiceGUI's simulated user."""
         cells = [cell[0] for row in self._props["rows"] for cell in row]
         return [*super()._displayed_contents(only_visible=only_visible), *self._props["titles"], *cells]
 
@@ -128,13 +128,13 @@ class PacedElement(Element):  # type: ignore[misc]
         self.run_method(method, *given, self._sent)
 
     def _take(self, event: Any) -> None:
-        """Note up to where the browser has come; whatever it says, it is at most what was sent."""
+        """Note up to where the browser has come, at most what was sent."""
         if isinstance(event.args, int):
             self._taken = min(max(event.args, self._taken), self._sent)
 
 
 class TroubleBox:
-    """What is wrong, in words, with what to do or type; nothing where nothing is."""
+    """The troubles, each with its fix; empty if there are none."""
 
     MOST = 8
 
@@ -162,7 +162,7 @@ class TroubleBox:
 
 
 class StatusLine:
-    """What came of the last thing that was pressed; it stays until the next."""
+    """The outcome of the last press; it stays until the next."""
 
     def __init__(self) -> None:
         self._label = text_element("div", "").props('role="status"')
@@ -183,7 +183,7 @@ class StatusLine:
 
 
 class ConfirmButton:
-    """A button that asks before it does what cannot be taken back."""
+    """A button that asks before it does something irreversible."""
 
     def __init__(
         self, word: str, question: str, yes: str, do: Callable[[], Awaitable[None]], classes: str = ""
@@ -237,8 +237,8 @@ class UrgentButton(Element, component="urgent_button.js"):  # type: ignore[misc,
             self.update()
 
     def forget(self) -> None:
-        """Say no longer what came of the last press: something else has come since."""
-        self.run_method("tell", "", "")
+        """Clear the outcome of the last press."""
+        self.run_method("show", "", "")
 
 
 def figure(value: float | None, unit: str, digits: int = 1) -> str:
@@ -251,7 +251,7 @@ def figure(value: float | None, unit: str, digits: int = 1) -> str:
 
 
 def rate_text(value: float | None, unit: str = "Hz") -> str:
-    """Return messages a second; what speaks so rarely that none came while somebody looked has no number.
+    """Return messages a second; a topic so rare that none came meanwhile has no number.
 
     >>> rate_text(12.34), rate_text(0.0), rate_text(0.01), rate_text(None)
     ('12.3 Hz', 'rarely', 'rarely', '')

@@ -26,7 +26,7 @@ from palp_core.view.source.series import (
 FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
 FAST_FRAME_S = 1 / 5
-"""Of a graph that goes faster than anybody looks: each frame is another part of it."""
+"""Of a graph in simulated time: each frame is another part of it."""
 DIGITS = 9
 """Of what a browser is sent: times to 1 ns."""
 MOST_FIELDS = 12

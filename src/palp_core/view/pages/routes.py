@@ -1,4 +1,4 @@
-"""The pages by their addresses; the timeline: what has happened to the graph and its nodes."""
+"""The pages by their addresses; the timeline of events."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from palp_core.view.source.protocol import Watch
 UNREAD = "not counted"
 """In place of a rate: readers count, and here is none."""
 REFRESH_S = 0.25
-"""Of the last message in words: more often nobody reads it."""
+"""Of the last message as text."""
 
 
 def topics_page(viewer: Viewer) -> None:

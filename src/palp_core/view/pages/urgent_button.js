@@ -40,23 +40,23 @@ export default {
     async press() {
       const begun = performance.now();
       const address = `/${location.pathname.split("/")[1]}/press/${encodeURIComponent(this.name)}`;
-      this.tell(this.label + " is sent ...", "warn");
+      this.show(this.label + " is sent ...", "warn");
       while (performance.now() - begun < GIVE_UP_MS) {
-        const late = setTimeout(() => this.tell(this.label + " is sent and not answered: use the emergency stop", "error"), LATE_MS);
+        const late = setTimeout(() => this.show(this.label + " is sent and not answered: use the emergency stop", "error"), LATE_MS);
         try {
           const answer = await fetch(address, { method: "POST", keepalive: true, cache: "no-store" });
-          this.tell(await answer.text(), answer.ok ? this.done : "error");
+          this.show(await answer.text(), answer.ok ? this.done : "error");
           return;
         } catch {
-          this.tell(this.label + " has not arrived, it is sent again: use the emergency stop", "error");
+          this.show(this.label + " has not arrived, it is sent again: use the emergency stop", "error");
           await new Promise((go) => setTimeout(go, AGAIN_MS));
         } finally {
           clearTimeout(late);
         }
       }
-      this.tell(this.label + " HAS NOT ARRIVED: palp view does not answer; use the emergency stop", "error");
+      this.show(this.label + " HAS NOT ARRIVED: palp view does not answer; use the emergency stop", "error");
     },
-    tell(words, level) {
+    show(words, level) {
       this.words = words;
       this.level = level;
     },

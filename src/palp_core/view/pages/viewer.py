@@ -22,11 +22,10 @@ class OwnPage:
     """A launch file's own page, as its key ``view: module:function`` names it.
 
     Args:
-        function: Is called with the viewer each time somebody opens the page, and fills it. It may have a
-            function ``strip``, called likewise for the strip on top of every page: for what must always be in
-            sight. Either may fail: that is said where it would have been, and nothing else is. Further, a
-            ``title``; ``over_bags``: whether it is to be shown over a recording, too; and ``heading``,
-            called with what is wrong: the word that heads every page and what is wrong besides, or None.
+        function: Is called with the viewer each time the page is opened, and fills it. It may have these
+            attributes: ``strip``, a function for the strip on top of every page; ``title``; ``over_bags``:
+            whether it is shown over a recording, too; ``heading``, called with the troubles: returns the
+            word that heads every page and the other troubles, or None. If one fails, the page reports it.
     """
 
     def __init__(self, function: Callable[[Viewer], None]) -> None:
@@ -44,14 +43,14 @@ class OwnPage:
         _try(self._function, viewer)
 
     def heading(self, troubles: list[Trouble]) -> tuple[str, list[Trouble]] | None:
-        """Return the word that heads every page, and what is wrong besides; None where it has none."""
+        """Return the word that heads every page, and the other troubles; None if it has none."""
         find: Callable[[list[Trouble]], tuple[str, list[Trouble]] | None] | None
         find = getattr(self._function, "heading", None)
         if find is None:
             return None
         try:
             found: tuple[str, list[Trouble]] | None = find(troubles)
-        except Exception:  # noqa: BLE001 - one of somebody's own may raise anything: then all is told
+        except Exception:  # noqa: BLE001 - user code may raise anything: then all troubles are shown
             return None
         return found
 
@@ -66,7 +65,7 @@ def _try(function: Callable[[Viewer], None], viewer: Viewer) -> None:
 
     try:
         function(viewer)
-    except Exception as error:  # noqa: BLE001 - a page of somebody's own may raise anything
+    except Exception as error:  # noqa: BLE001 - user code may raise anything
         text_element("div", f"the launch file's own page failed: {in_words(error)}", "error")
 
 
@@ -85,7 +84,7 @@ class Viewer(msgspec.Struct, kw_only=True):
 
     @property
     def timeline_events(self) -> Callable[[], list[TimelineEvent]] | None:
-        """What returns what has happened, and waits for it; None where nothing can."""
+        """The function that reads the events; None if there is none."""
         from palp_core.view.source.timeline import recorded, timeline_events
 
         if (live := self.live) is not None:
@@ -95,7 +94,7 @@ class Viewer(msgspec.Struct, kw_only=True):
         return None
 
     def refusal(self, *, stops: bool = False) -> str:
-        """Return why nothing may be pressed, in words; "" if it may."""
+        """Return why nothing may be pressed; "" if it may."""
         if self.operator is None:
             return "what is shown is over"
         return self.operator.refusal(stops=stops)

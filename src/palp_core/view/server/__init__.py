@@ -1,1 +1,1 @@
-"""The server of the pages, and who is let in."""
+"""The server of the pages, and its access check."""

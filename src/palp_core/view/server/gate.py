@@ -1,4 +1,4 @@
-"""Who is let in to the pages: this host only, by the token, from the page's own address.
+"""Access to the pages: from this host only, with the token, from the page's own address.
 
 An ASGI application around that of the pages. It looks at every request and every WebSocket before anything
 else does: ``Host`` must be this host's own name, ``Origin`` the page's own address, and the first part of the
@@ -68,7 +68,7 @@ class PageGate:
         return self._sockets
 
     def _judge(self, scope: Scope) -> tuple[int, str]:
-        """Return the status and the words with which somebody is sent away; 0 who is let in."""
+        """Return the status and text of a refusal; 0 lets the request in."""
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
         hosts, origins = (
             [value.decode("latin-1") for name, value in scope["headers"] if name == wanted]
@@ -101,7 +101,7 @@ class PageGate:
 
 
 def _is_fetched_elsewhere(scope: Scope, headers: dict[bytes, str]) -> bool:
-    """Tell whether a page of another site asks, but for a link to here that somebody follows."""
+    """Return whether another site's page asks; following a link to here does not count."""
     if headers.get(b"sec-fetch-site", "none") in ("none", "same-origin"):
         return False
     return scope.get("method") != "GET" or headers.get(b"sec-fetch-mode") != "navigate"

@@ -1,1 +1,1 @@
-"""What a page shows, as plain data without any page: of a running graph, a bag, a results folder."""
+"""Data for the pages, without any page: of a running graph or a bag."""

@@ -1,7 +1,7 @@
-"""Topics of a running graph that somebody looks at: read as fast as they come, kept only as far as shown.
+"""Watched topics of a running graph: read as fast as they come, kept only as far as shown.
 
-A thread takes every message off the wire, so that nothing waits at the publisher; what no page has asked for
-by then is let go. Messages are decoded when a page asks, not when they arrive.
+A thread takes every message off the wire, so that nothing waits at the publisher, and drops what no page has
+asked for. Messages are decoded when a page asks, not when they arrive.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class TopicWatch:
 
 
 class Feeds:
-    """The topics of a graph that somebody looks at, read on one thread for as long as there are any."""
+    """The watched topics of a graph, read on one thread while there are any."""
 
     def __init__(self, graph: RunningGraph) -> None:
         self._graph = graph
@@ -180,7 +180,7 @@ def _hand_on(feeds: dict[str, _Feed], received: ReceivedFrame) -> None:
 
 
 def decode_sample(frame: Frame, topic: Topic) -> Sample:
-    """Return a message as plain values; what cannot be shown says why."""
+    """Return a message as plain values; one that cannot be shown holds the reason."""
     if len(frame.payload) > LONGEST_MESSAGE:
         message = {"(not shown)": f"{len(frame.payload)} bytes; palp topic echo {topic.name} shows all of it"}
     else:

@@ -1,4 +1,4 @@
-"""A running graph as a source: asked once a second, on a thread of its own, while anybody looks."""
+"""A running graph as a source: asked once a second, on its own thread, while a page is open."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class LiveSource:
         yield from sorted(found, key=lambda one: one[1].stamp_ns)
 
     def launch(self) -> dict[str, Any]:
-        """Return what the launch file said, and the ``folder`` that paths count from; {} if not known yet."""
+        """Return the launch file, and the ``folder`` that paths count from; {} if not known yet."""
         found: dict[str, Any] = self._launch.get("launch", {})
         return {**found, "folder": self._folder} if found else {}
 
@@ -116,7 +116,7 @@ class LiveSource:
                     self._wake.clear()
                     continue
                 begun_ns = monotonic_ns()
-                with contextlib.suppress(PalpError, OSError):  # a graph that ends just now: it is said below
+                with contextlib.suppress(PalpError, OSError):  # a graph that ends just now: see below
                     self._look(health)
                 with self._lock:
                     if not self.graph.alive:

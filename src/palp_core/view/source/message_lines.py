@@ -1,4 +1,4 @@
-"""A message as an indented tree of lines, with units; long parts are left out, and said to be."""
+"""A message as an indented tree of lines, with units; long parts are cut, with a mark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may press what: every change that a page can make goes through here, and is refused here."""
+"""Permissions of the pages: every change that a page makes is checked here."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class GraphOperator:
         return reply
 
     def swap(self, node: str, run: str, **options: Any) -> dict[str, Any]:
-        """Let another class take a node's place, or the same one from its file: :meth:`RunningGraph.swap`.
+        """Replace a node's class, or reload the same one from its file: :meth:`RunningGraph.swap`.
 
         A file is looked for from the folder in which the viewer was started, then from the workspace.
         """

@@ -44,7 +44,7 @@ def shared_processes(nodes: Sequence[NodeState]) -> dict[int, int]:
 class WireState(msgspec.Struct, frozen=True, kw_only=True):
     """A topic on its way to one reader, with the reader's own account; times in s.
 
-    Whatever is unknown is None: of a bag all of the account, as nobody has recorded what readers had.
+    What is unknown is None: for a bag the whole account, as bags do not record it.
     """
 
     topic: str

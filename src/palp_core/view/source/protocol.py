@@ -22,7 +22,7 @@ class Sample(msgspec.Struct, frozen=True):
 
 
 class Watch(Protocol):
-    """A topic that somebody looks at, until it is closed."""
+    """A watched topic, until it is closed."""
 
     topic: Topic
 
@@ -37,7 +37,7 @@ class Watch(Protocol):
         """Messages a second on the graph's clock, by the publisher's own numbers and stamps."""
 
     def close(self) -> None:
-        """Look no longer."""
+        """Stop watching."""
 
 
 class ViewSource(Protocol):
@@ -64,10 +64,10 @@ class ViewSource(Protocol):
         """
 
     def launch(self) -> dict[str, Any]:
-        """Return what the launch file said, ``args`` and ``params`` by node among it; {} if unknown."""
+        """Return the launch file, with ``args`` and ``params`` by node; {} if unknown."""
 
     def close(self) -> None:
-        """Let go."""
+        """Release everything."""
 
 
 def open_watches(source: ViewSource, topics: Iterable[str]) -> dict[str, Watch]:

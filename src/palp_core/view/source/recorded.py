@@ -1,4 +1,4 @@
-"""A bag as a source: the same pages over a recording, at a time that one chooses."""
+"""A bag as a source: the same pages over a recording, at a chosen time."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class RecordedSource:
                 yield name, _sample(message, self._topics[name])
 
     def launch(self) -> dict[str, Any]:
-        """Return what the launch file said; {} where the bag does not say."""
+        """Return the launch file; {} if the bag has none."""
         return self._launch
 
     @property
@@ -107,7 +107,7 @@ class RecordedSource:
         with self._lock, contextlib.suppress(BagError):
             self._open = self._open or Bag(self.path)
             for message in self._open.recorded([topic], max(begin_ns, 0), end_ns + 1):
-                found.append(message)  # noqa: PERF402 - what stands before a damaged part counts; the strip says it
+                found.append(message)  # noqa: PERF402 - messages before a damaged part count; the strip reports the damage
         return found
 
     def close(self) -> None:
@@ -180,7 +180,7 @@ class RecordedWatch:
         return self._rate_hz
 
     def close(self) -> None:
-        """Look no longer."""
+        """Stop watching."""
 
     def _find(self, at_ns: int) -> Sample | None:
         """Look back from the chosen time, further each time, until there is something."""

@@ -1,7 +1,7 @@
 """A field of a topic over time, as a plot draws it: points, thinned to what a screen shows.
 
 Points are an array of shape (n, 2): time in s, value. Where something is missing between two points, so that
-no line joins them, a point without a value (nan) stands between them: a gap.
+no line joins them, there is a point without a value (nan): a gap.
 """
 
 from __future__ import annotations

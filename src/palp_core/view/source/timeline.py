@@ -1,4 +1,4 @@
-"""What has happened to a graph and its nodes: from what launcher and nodes remember of it, or from a bag."""
+"""Events of a graph and its nodes: from the launcher's and nodes' history, or from a bag."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ MOST = 300
 STATUS = "DiagnosticStatus"
 EVENTS: dict[str, type[GraphEvent | NodeEvent]] = {"GraphEvent": GraphEvent, "NodeEvent": NodeEvent}
 WORDS = {OK: "well", WARN: "warning", ERROR: "fault"}
-"""Of how a node stands."""
+"""For the levels of a node's status."""
 
 
 class TimelineEvent(msgspec.Struct, frozen=True):
-    """Something that happened, at a time on the graph's clock; ``level`` says how bad it is."""
+    """An event at a time on the graph's clock; ``level`` is its severity."""
 
     at_s: float
     kind: str
@@ -36,9 +36,9 @@ class TimelineEvent(msgspec.Struct, frozen=True):
 
 
 def timeline_events(live: LiveSource) -> list[TimelineEvent]:
-    """Return what has happened, the latest first. It asks every node: call it on a thread.
+    """Return the events, the latest first. It asks every node: call it on a thread.
 
-    How a node stands is remembered as far back as its own topic keeps it: of safety its last hundred words.
+    A node's status is known as far back as its topic keeps it: for safety the last hundred.
     """
     found = [of_event("", event) for event in live.events()]
     graph = live.graph
@@ -53,7 +53,7 @@ def timeline_events(live: LiveSource) -> list[TimelineEvent]:
 
 
 def recorded(bag: RecordedSource) -> list[TimelineEvent]:
-    """Return what has happened in a recording, the latest first. It reads: call it on a thread."""
+    """Return the events of a recording, the latest first. It reads: call it on a thread."""
     known = {topic.name: topic for topic in bag.topics() if topic.type in (*EVENTS, STATUS)}
     found = list[TimelineEvent | None]()
     for name, sample in bag.history(list(known)):
@@ -67,7 +67,7 @@ def recorded(bag: RecordedSource) -> list[TimelineEvent]:
 
 
 def latest_first(found: Iterable[TimelineEvent | None]) -> list[TimelineEvent]:
-    """Return the latest of what has happened, each once."""
+    """Return the latest events, each once."""
     known = {one for one in found if one is not None}
     return sorted(known, key=lambda one: (one.at_s, one.node, one.text), reverse=True)[:MOST]
 
