@@ -212,7 +212,7 @@ class Estimator(MethodReporter):
         state, memory = self.state, self.state.memory
         if state.phase == "training" and state.label_known:
             if not self.reading.teach(memory, state.depth_m, state.ring_m, peak.value_n_m):
-                self.log.warning("a training sweep ended before its path did; its trace is left out")
+                self.log.warning("a training sweep ended early; its trace is left out")
         elif state.phase == "estimation":
             self._update(peak.value_n_m)
         torque_n_m = sweep.torque_n_m

@@ -425,7 +425,7 @@ class Safety(Node):
     @serve(stop)
     def obey(self, request: StopRequest) -> StatusReply:
         if self.machine.tripped and self.state.cause != Cause.OPERATOR:
-            self.log.warning("asked to stop (%s), and was stopped already", request.reason)
+            self.log.warning("stop requested (%s), already stopped", request.reason)
         self._handle(Event.TRIP, LimitViolation(Cause.OPERATOR, request.reason), self.now_ns())
         return self._status()
 

@@ -270,11 +270,11 @@ class HumanSession(Node):
                 note_redone(self.record.folder, state.again[trial.index - planned], trial.number)
             marked = to_be_redone(self.record.folder, state.again)
         except PalpError as error:
-            self.log.warning("nothing is done again: %s", error)
+            self.log.warning("nothing is repeated: %s", error)
             return
         state.again += marked
         for phase, number in marked:
-            self.log.warning("%s trial %d is done again at the end", phase, number)
+            self.log.warning("%s trial %d will be repeated at the end", phase, number)
 
     def _report(self, trial: HumanTrial, *, done: bool) -> None:
         self.progress.publish(

@@ -98,7 +98,7 @@ def test_a_damaged_audit_does_not_end_the_session(tmp_path: Path, caplog: pytest
     (tmp_path / AUDIT).write_text("trial,deed\n30,of old\n")
     rig.run()
     assert rig.bench.executor.exit_code == 0
-    assert "nothing is done again" in caplog.text
+    assert "nothing is repeated" in caplog.text
 
 
 def test_a_trial_by_hand_is_done_again_at_the_end(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_trial_by_hand_is_done_again_at_the_end(tmp_path: Path) -> None:
     assert left_out(lab.out) == {("estimation", 1): "redo: the subject looked; done again as trial 4"}
 
 
-@pytest.mark.parametrize(("exit_code", "words"), [(-1, "repeats it at the end"), (0, "it is not done again")])
+@pytest.mark.parametrize(("exit_code", "words"), [(-1, "repeats it at the end"), (0, "does not repeat it")])
 def test_who_marks_a_trial_is_told_whether_it_is_done_again(
     exit_code: int, words: str, tmp_path: Path
 ) -> None:

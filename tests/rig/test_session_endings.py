@@ -124,7 +124,7 @@ def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_l
     said, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, errors
     assert "No report was written: the end was asked for twice; `palp session report` makes it later." in said
-    assert "interrupted by SIGINT; every node has ended" in errors
+    assert "interrupted by SIGINT; all nodes exited" in errors
     assert "Traceback" not in errors
     assert palp.all_gone()
     assert not (out / "report.html").exists()

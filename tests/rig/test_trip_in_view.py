@@ -105,7 +105,7 @@ def test_a_trip_is_on_the_screen_within_half_a_second_and_in_top_and_doctor(
     screen.process.send_signal(signal.SIGINT)
     *_, trip, way_on = [line for line in screen.rest().splitlines() if line.strip()]
     assert re.search(r"/safety: tripped: operator: palp stop \(until the end\)", trip)
-    assert way_on.startswith("to go on where it was: palp launch")
+    assert way_on.startswith("to resume: palp launch")
     incidents = json.loads((tmp_path / "result.json").read_text())["incidents"]
     assert len(incidents) == TRIES + 1
     assert (

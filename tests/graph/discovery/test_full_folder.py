@@ -84,7 +84,7 @@ def test_a_run_whose_folder_is_full_goes_on_through_a_restart_and_says_so(
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
-    assert "interrupted by SIGINT; every node has ended" in errors
+    assert "interrupted by SIGINT; all nodes exited" in errors
     assert palp.all_gone()
 
 

@@ -122,7 +122,7 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
     assert known is not None
     assert min(delays_s) >= -(float(known[1]) + 0.001) / 1e3, "its clock is not the graph's"
     assert status == 130
-    assert "the node has ended" in said
+    assert "the node exited" in said
     book.until("safe")
     graph.said("/guest has left")
     assert away.all_gone()
@@ -351,7 +351,7 @@ def test_a_node_that_the_launch_file_expects_joins_with_its_wires_and_params_and
 ) -> None:
     lone_home.file.write_text(EXPECTING)
     graph = lone_home.launch()  # it does not wait
-    assert "palp run nodes.toys:Ticker --name metronome --join" in graph.said("/metronome is to join")
+    assert "palp run nodes.toys:Ticker --name metronome --join" in graph.said("/metronome can join")
     lone_away.start(*joining(lone_home, graph, "nodes.toys:Ticker", "--name", "metronome"))
     indices = [int(graph.book.until("tick")[1]) for _ in range(20)]
     assert indices == list(range(1, 21))

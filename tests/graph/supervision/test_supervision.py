@@ -99,7 +99,7 @@ def test_the_launcher_answers_and_can_be_told_to_stop(palp: Palp, how: tuple[str
     assert graph.ask("stop") == {"ending": "chain"}
     assert process.wait(PATIENCE_S) == 130
     assert process.stderr is not None
-    assert "ended by a request to its launcher; every node has ended" in process.stderr.read()
+    assert "ended by a request to its launcher; all nodes exited" in process.stderr.read()
     assert palp.all_gone()
 
 

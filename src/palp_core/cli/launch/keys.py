@@ -84,4 +84,4 @@ def list_keys(*, as_json: JsonOption = False) -> None:
         as_json=as_json,
     )
     for name in () if as_json else spoiled:
-        note(f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in")
+        note(f"{keys.path / 'allowed' / name}.public contains no key; '{name}' is not allowed")

@@ -146,7 +146,7 @@ def _run(file: Path, digest: Path | None, *, in_browser: bool, operate: bool, **
                 summary = graph.run()
     except Interrupted as stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more does not change how it ended
-        note(f"{stop}; every node has ended")
+        note(f"{stop}; all nodes exited")
         _print_report(graph)
         return 128 + int(stop.signal)
     except PalpError as error:
@@ -217,7 +217,7 @@ def _print_report(graph: Graph) -> None:
         print_text(graph.summary.report)
     _note_incidents(graph)
     if graph.summary is not None and (command := graph.checkpoints.command(graph.path)):
-        note(f"to go on where it was: {command}")
+        note(f"to resume: {command}")
 
 
 def _print_summary(summary: RunSummary) -> None:

@@ -47,7 +47,7 @@ def run(
             note=note,
         )
     except Interrupted as stop:
-        note(f"{stop}; the node has ended")
+        note(f"{stop}; the node exited")
         code = 128 + int(stop.signal)
     except NodeError as error:
         note(str(error))

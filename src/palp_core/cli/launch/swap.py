@@ -45,7 +45,6 @@ def swap(
     from palp_core.graph.description.checked import unpublished_words
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here
-    from palp_core.graph.process.swap_messages import HANDLER
     from palp_core.graph.swap.swap import MOST_RUNS, STEPS, Probation
 
     given = list(params or [])
@@ -80,8 +79,8 @@ def swap(
     if few == 0 or 0 < few < wanted < MOST_RUNS:
         ran = f"no {what}" if few == 0 else f"only {counted(few, what)}"
         note(
-            f"{ran} of the new node {'ran' if what == HANDLER else 'was asked for'} while the old one stood "
-            "by, which is gone; a longer --timeout, or --probation Ss, keeps it for longer"
+            f"probation ended after {ran} of the new node, without a failure; the old node is gone "
+            "(for longer: --timeout, or --probation Ss)"
         )
     if not as_json:
         _print(answer["report"])

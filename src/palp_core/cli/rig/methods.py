@@ -210,7 +210,7 @@ def why(
     if summary.ended:
         note(f"not the whole run: {summary.ended}; this is of the {counted(len(rows), 'palpation')} so far")
     elif not rows:
-        note(f"'{run}' holds no palpation: what its methods met and how often they were used is not known")
+        note(f"'{run}' has no palpation, so uses and checks of its methods are unknown")
     for text in [*unsaid(summary, rows), *(f"left out: {one}" for one in left_out())]:
         note(text)
     if as_json:

@@ -67,10 +67,10 @@ def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bo
     if deed == "redo":
         together = "palp session people" if person else "palp session list"
         note(
-            "the session is over, so it is not done again in it: to have as many trials as planned, run a "
-            f"session of its own (out:=NAME) and take both together ({together})"
+            "the session is over and does not repeat it; run another session (out:=NAME) and pool both "
+            f"({together})"
         )
-    note(f"the report does not know it yet: palp session report {folder}")
+    note(f"the report is not updated yet: palp session report {folder}")
 
 
 def _goes_on(folder: Path) -> bool:

@@ -53,7 +53,7 @@ def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
             "no host is allowed to join; on the other host: palp keys generate; here: palp keys allow FILE"
         )
     warnings += [
-        f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in"
+        f"{keys.path / 'allowed' / name}.public contains no key; '{name}' is not allowed"
         for name in keys.spoiled()
     ]
     return ListenPlan(endpoint, own is not None, warnings)

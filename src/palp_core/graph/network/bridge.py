@@ -273,7 +273,6 @@ class _Bridge(Relay):
         if abs(drift_ns) - best.uncertainty_ns - used.uncertainty_ns > self._reported_drift_ns:
             self._reported_drift_ns *= 2
             _LOG.warning(
-                "the clocks of the two hosts have run apart by %.1f ms since this node joined; its stamps "
-                "are off by as much. Start it again to set it right",
+                "host clocks drifted apart by %.1f ms since joining; restart this node to correct its stamps",
                 drift_ns / 1e6,
             )

@@ -130,7 +130,7 @@ class GatewayHandle:
         for spec in self._view.expected.values():
             if spec.name not in self._joined:
                 command = f"palp run {spec.run} --name {spec.name} --join {self.endpoint}{key}"
-                show(f"/{spec.name} is to join; on its host: {command}")
+                show(f"/{spec.name} can join; on its host: {command}")
 
     def _report(self, kind: str, node: str, text: str, **data: object) -> None:
         self._publish_event(kind, node, text, **data)

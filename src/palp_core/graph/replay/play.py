@@ -224,7 +224,7 @@ class PlayRun:
         return self._sockets.publisher.subscription_count
 
     def close(self) -> None:
-        self._launcher.report("ending", "", "the bag has come to its end")
+        self._launcher.report("ending", "", "the bag has ended")
         self._sockets.publisher.send_heartbeats()
         self._stack.close()
 

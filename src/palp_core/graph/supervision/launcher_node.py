@@ -107,12 +107,10 @@ class LauncherNode:
     def announcing(self, graph: str, count: int, *, resumed: bool = False) -> Iterator[None]:
         """Publish that a graph of so many nodes starts or goes on, and that and why it ends."""
         if resumed:
-            self.report(
-                "resumed", "", f"{graph}: {counted(count, 'node goes', 'nodes go')} on after an interruption"
-            )
+            self.report("resumed", "", f"{graph}: {counted(count, 'node')} resumed")
         else:
-            self.report("started", "", f"{graph}: {counted(count, 'node is', 'nodes are')} ready")
-        why = "came to its end"
+            self.report("started", "", f"{graph}: {counted(count, 'node')} ready")
+        why = "finished"
         try:
             yield
         except NodeError as error:
