@@ -101,7 +101,6 @@ def _probation(text: str) -> dict[str, Any]:
 
 
 def _print(report: dict[str, Any]) -> None:
-    from palp_core.graph.process.swap_messages import HANDLER
 
     shadow = report["shadow"]
     if shadow:
@@ -111,11 +110,9 @@ def _print(report: dict[str, Any]) -> None:
         print_text(f"/{report['node']}: {who}; nothing was changed")
         return
     count, what = report["proven"], report["proven_by"]
-    first = what if count == 1 else counted(count, what)
-    went = "ran" if what == HANDLER else "went"
+    proven = f"; probation: {counted(count, what)} ok" if count > 0 else ""
     print_text(
-        f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
-        f"gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited, "
-        f"{report['duration_s'] * 1e3:.0f} ms in all"
-        + (f"; its first {first} {went} well while the old one stood by" if count > 0 else "")
+        f"/{report['node']} swapped: {report['before']} -> {report['after']} at {report['at_s']:.3f} s "
+        f"(gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited, "
+        f"{report['duration_s'] * 1e3:.0f} ms in all{proven})"
     )
