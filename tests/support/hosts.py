@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import select
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from palp_core.graph.node.spec import GRAPH_EVENTS
 from palp_core.graph.transport.requester_socket import ask
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp, short_folder
+from tests.support.supervised import Running, write_files
 
 TOYS = '''
 from palp_core import Message, Node, Params, Pub, Srv, State, Sub, every, on, serve
@@ -153,15 +153,8 @@ class Host(Palp):
         self.environment["PALP_KEYS"] = str(self.keys.path)
         self.prefix: list[str] = []
         self.books: list[NoteBook] = []
-        self._write("nodes/__init__.py", "")
-        self._write("nodes/toys.py", TOYS)
-        self.file = self._write("launch/home.yaml", LAUNCH)
-
-    def _write(self, name: str, text: str) -> Path:
-        path = self.folder / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        return path
+        self.file = folder / "launch/home.yaml"
+        write_files(folder, {"nodes/__init__.py": "", "nodes/toys.py": TOYS, "launch/home.yaml": LAUNCH})
 
     def command(self, *arguments: object) -> list[str]:
         return [*self.prefix, *super().command(*arguments)]
@@ -205,18 +198,19 @@ def own_host() -> Iterator[Host]:
         yield host
 
 
-class Launched:
+class Launched(Running):
     """A running home graph."""
 
     def __init__(self, host: Host, process: subprocess.Popen[str], book: NoteBook) -> None:
-        self.host, self.process, self.book = host, process, book
+        super().__init__(host)
+        self.host, self.launcher, self.book = host, process, book
         self.address = self.said("listening on ").rpartition(" ")[2].strip()
 
     def said(self, words: str) -> str:
         """Wait until the launcher says a line with these words; return it."""
-        assert self.process.stderr is not None
+        assert self.launcher.stderr is not None
         lines = []
-        for line in self.process.stderr:
+        for line in self.launcher.stderr:
             lines.append(line)
             if words in line:
                 return line
@@ -237,34 +231,14 @@ class Launched:
         """Who has joined, by name."""
         return [guest["name"] for guest in self.ask("gateway", op="guests")["guests"]]
 
-    @property
-    def folder(self) -> Path:
-        (record,) = self.host.runtime_dir.glob("palp/*/graph.json")
-        return record.parent
-
-    def record(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads((self.folder / "graph.json").read_bytes())
-        return found
-
-    @property
-    def nodes(self) -> list[str]:
-        """The nodes of its record, by name."""
-        return [node["name"] for node in self.record()["nodes"]]
-
-    def ask(self, node: str, **request: Any) -> dict[str, Any]:
-        """Ask a node, or the gateway."""
-        reply = ask(f"ipc://{self.folder}/{node}.srv", {"node": node, **request}, PATIENCE_S)
-        assert reply is not None, f"{node} does not answer"
-        return reply
-
     def gateway(self) -> psutil.Process:
         (found,) = self.host.running("palp_core.graph.network.gateway")
         return found
 
     def end(self) -> int:
         """End it as Ctrl-C does."""
-        self.process.terminate()
-        return self.process.wait(PATIENCE_S)
+        self.launcher.terminate()
+        return self.launcher.wait(PATIENCE_S)
 
 
 class Raw:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.support.palp import Palp
+from tests.support.supervised import write_files
 
 POST = '''
 import json, os, random, select, signal, subprocess
@@ -296,21 +297,16 @@ class Post:
         self.palp = palp
         self.folder = folder
         self.out = folder / "out"
-        self.write("nodes/__init__.py", "")
-        self.write("nodes/post.py", POST)
-        self.office = self.write("launch/office.yaml", OFFICE)
-        self.calls = self.write("launch/calls.yaml", CALLS)
-
-    def write(self, name: str, text: str) -> Path:
-        path = self.folder / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        return path
+        self.office, self.calls = folder / "launch/office.yaml", folder / "launch/calls.yaml"
+        files = {"launch/office.yaml": OFFICE, "launch/calls.yaml": CALLS}
+        write_files(folder, {"nodes/__init__.py": "", "nodes/post.py": POST, **files})
 
     def deliver(self, source: str, deed: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run the source and its reader to the end."""
-        file = self.write("launch/letters.yaml", LETTERS.replace("FROM", source))
-        return self.palp.here("launch", file, f"deed:={deed}", f"out:={self.out}", *arguments)
+        write_files(self.folder, {"launch/letters.yaml": LETTERS.replace("FROM", source)})
+        return self.palp.here(
+            "launch", self.folder / "launch/letters.yaml", f"deed:={deed}", f"out:={self.out}", *arguments
+        )
 
     def letters(self) -> list[int]:
         """Every letter that the reader took up, in its order."""

@@ -22,7 +22,7 @@ class Stage(Running):
     """The running graph, and what its independent reader has to say."""
 
     def __init__(self, palp: Palp, launch: Path, *arguments: object) -> None:
-        self.palp, self.launch = palp, launch
+        self.launch = launch
         self.launcher: subprocess.Popen[str] = palp.start("launch", launch, *arguments)
         wait_for_line(self.launcher, "numbers: 1/2")
         super().__init__(palp)
@@ -56,10 +56,6 @@ class Stage(Running):
         """Swap the middle node; return the report, or what failed."""
         run = run if ":" in run else f"swap_toys:{run}"
         return self.graph.swap("relay", run, timeout_s=timeout_s, params=params)
-
-    def process_of(self, node: str) -> int:
-        """Process number of a node."""
-        return int(next(entry["pid"] for entry in self.record["nodes"] if entry["name"] == node))
 
     def judgement(self, *, forget: bool = False) -> tuple[int, str, list[str]]:
         """The reader's last number, what was wrong, and whose numbers they were: all since it forgot."""

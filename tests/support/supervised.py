@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import psutil
@@ -65,24 +68,42 @@ nodes:
 """
 
 
+def write_files(folder: Path, files: Mapping[str, str]) -> None:
+    """Write the files of a workspace."""
+    for name, text in files.items():
+        file = folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+
+
 class Running:
-    """The graph that a command line has started."""
+    """The graph that a command line has started, as a test sees it from outside."""
 
     def __init__(self, palp: Palp) -> None:
-        (record,) = (palp.runtime_dir / "palp").glob("*/graph.json")
-        self.folder = record.parent
+        self.palp = palp
+
+    @functools.cached_property
+    def folder(self) -> Path:
+        (record,) = (self.palp.runtime_dir / "palp").glob("*/graph.json")
+        return record.parent
 
     @property
     def record(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads((self.folder / "graph.json").read_bytes())
         return found
 
+    @property
+    def nodes(self) -> list[str]:
+        """The nodes of its record, by name."""
+        return [node["name"] for node in self.record["nodes"]]
+
     def process(self, node: str) -> psutil.Process:
         return psutil.Process(next(n["pid"] for n in self.record["nodes"] if n["name"] == node))
 
-    def ask(self, operation: str, **fields: Any) -> dict[str, Any]:
-        reply = ask(f"ipc://{self.folder}/graph.srv", {"op": operation, **fields}, PATIENCE_S)
-        assert reply is not None
+    def ask(self, node: str, op: str, **fields: Any) -> dict[str, Any]:
+        """Ask a node, the launcher ("graph") or the gateway."""
+        reply = ask(f"ipc://{self.folder}/{node}.srv", {"op": op, "node": node, **fields}, PATIENCE_S)
+        assert reply is not None, f"{node} does not answer"
         return reply
 
     def events(self) -> list[GraphEvent]:
@@ -94,14 +115,22 @@ class Running:
         """Wait until something has happened to a node."""
         news = SubscriberSocket({GRAPH_EVENTS: f"ipc://{self.folder}/graph.pub"})
         try:
-            while True:
-                for event in self.events():
-                    if (event.kind, event.node) == (kind, node):
-                        return event
-                assert news.wait(PATIENCE_S), f"no event {kind} of {node}"
+            while not condition():
+                assert news.wait(PATIENCE_S), "the graph is silent"
                 news.receive()
         finally:
             news.close()
+
+    def wait_for(self, kind: str, node: str) -> GraphEvent:
+        """Wait for an event of a node; return it."""
+        found: list[GraphEvent] = []
+
+        def came() -> bool:
+            found[:] = [one for one in self.events() if (one.kind, one.node) == (kind, node)]
+            return bool(found)
+
+        self.until(came)
+        return found[0]
 
     def wait_for_epoch(self, node: str, topic: str, epoch: int) -> None:
         """Wait for a message of a node's process of that number."""

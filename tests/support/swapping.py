@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from tests.support.supervised import write_files
+
 NODES = '''
 import os, signal, time
 from pathlib import Path
@@ -484,11 +486,10 @@ PLANNER = """
 
 def workspace(folder: Path) -> Path:
     """Write the workspace; return its launch folder."""
-    (folder / "nodes").mkdir(parents=True)
-    (folder / "launch").mkdir()
-    (folder / "swap_toys.py").write_text(NODES)
-    (folder / "launch/wall.yaml").write_text(LAUNCH.format(clock="wall", more="", args=""))
-    (folder / "launch/sim.yaml").write_text(LAUNCH.format(clock="sim", more=PLANNER, args=PLANNED))
+    wall = LAUNCH.format(clock="wall", more="", args="")
+    sim = LAUNCH.format(clock="sim", more=PLANNER, args=PLANNED)
+    files = {"swap_toys.py": NODES, "launch/wall.yaml": wall, "launch/sim.yaml": sim}
+    write_files(folder, {"nodes/__init__.py": "", **files})
     return folder / "launch"
 
 

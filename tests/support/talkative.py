@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.palp import Palp, wait_for_line
+from tests.support.supervised import write_files
 
 MSGS = '''
 from palp_core import Message
@@ -157,11 +158,13 @@ class Talk:
     """The graph, running, and the command line beside it."""
 
     def __init__(self, palp: Palp, folder: Path, *arguments: str) -> None:
-        for name, text in (("msgs/talk.py", MSGS), ("nodes/talk.py", NODES), ("launch/talk.yaml", LAUNCH)):
-            file = folder / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text)
-            (file.parent / "__init__.py").touch()
+        files = {
+            "msgs/__init__.py": "",
+            "msgs/talk.py": MSGS,
+            "nodes/__init__.py": "",
+            "nodes/talk.py": NODES,
+        }
+        write_files(folder, {**files, "launch/talk.yaml": LAUNCH})
         self.palp = palp
         self.folder = folder
         self.process = palp.start("launch", folder / "launch" / "talk.yaml", *arguments)

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 from tests.support.palp import PATIENCE_S, Palp, wait_for_line
+from tests.support.supervised import write_files
 
 TOYS = '''
 import asyncio, ctypes, os, select, signal, subprocess, sys, threading
@@ -198,15 +199,11 @@ class Hostile:
         self.folder = folder
         self.file = folder / "launch/hostile.yaml"
         self.notes = folder / "notes"
-        self.write("nodes/__init__.py", "")
-        self.write("nodes/toys.py", TOYS)
-        self.write("launch/hostile.yaml", LAUNCH)
+        write_files(folder, {"nodes/__init__.py": "", "nodes/toys.py": TOYS, "launch/hostile.yaml": LAUNCH})
 
     def write(self, name: str, text: str) -> Path:
-        path = self.folder / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        return path
+        write_files(self.folder, {name: text})
+        return self.folder / name
 
     def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         how = self.palp.run if "--compose" in arguments else self.palp.here

@@ -165,7 +165,7 @@ def test_what_does_not_fit_is_refused_with_the_reason(
     assert refused.returncode == 2
     assert words in refused.stderr
     assert away.all_gone()
-    assert graph.process.poll() is None
+    assert graph.launcher.poll() is None
 
 
 def test_a_guest_that_is_killed_leaves_and_the_next_of_its_name_is_another_to_its_reader(
@@ -307,8 +307,8 @@ def test_when_the_graph_ends_nothing_remains_and_its_guest_is_safe(
     graph, book = lone_home.launch(listen=""), lone_away.book()  # the launch file says where
     guest = lone_away.start(*keeper(lone_home, graph, "guest", book))
     book.until("tick")
-    graph.process.send_signal(number)
-    assert graph.process.wait(PATIENCE_S) == (-number if number == signal.SIGKILL else 128 + number)
+    graph.launcher.send_signal(number)
+    assert graph.launcher.wait(PATIENCE_S) == (-number if number == signal.SIGKILL else 128 + number)
     assert finished(guest)[0] == 1
     book.until("safe")
     assert lone_home.all_gone()
@@ -323,7 +323,7 @@ def test_a_node_runs_alone_and_takes_messages_from_outside(lone_home: Host) -> N
     graph.host = lone_home
     assert graph.ask("keeper", op="publish", port="tick", message={"index": 7})["sequence"] == 1
     assert book.until("tick")[1] == "7"
-    (entry,) = graph.record()["nodes"]
+    (entry,) = graph.record["nodes"]
     assert psutil.pid_exists(entry["pid"])
     assert "/keeper/tick" in lone_home.run("topic", "list").stdout
     alone.send_signal(signal.SIGINT)
@@ -358,7 +358,7 @@ def test_a_node_that_the_launch_file_expects_joins_with_its_wires_and_params_and
     assert graph.ask("metronome", op="info")["params"]["rate_hz"] == 50.0
     graph.ask("metronome", op="set_parameters", parameters={"count": 1})
     graph.ask("metronome", op="call", service="reset", request={"index": 0})
-    assert graph.process.wait(PATIENCE_S) == 0
+    assert graph.launcher.wait(PATIENCE_S) == 0
     assert lone_away.all_gone()
 
 

@@ -194,7 +194,7 @@ def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(graph: Launched
     assert "another may only look" in replies[b"stop"]["error"]
     assert "another may only look" in replies[b"swap"]["error"]
     assert replies[b"graph"]["graph"] == "home"
-    assert graph.process.poll() is None
+    assert graph.launcher.poll() is None
 
 
 @pytest.mark.parametrize("version", [1, 99])

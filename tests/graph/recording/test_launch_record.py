@@ -81,7 +81,7 @@ def recovered_from_kills(palp: Palp, folder: Path, kills: int) -> Iterator[float
     """Kill recorders of a running graph; give what each had not written yet, in s, when the rest is whole."""
     graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=500.0")
     wait_for_line(graph, "blocks: 1/")
-    clock = Running(palp).ask("clock")
+    clock = Running(palp).ask("graph", "clock")
     start_ns = clock["monotonic_ns"] - clock["now_ns"]
     rng = np.random.default_rng(kills)
     for number in range(kills):

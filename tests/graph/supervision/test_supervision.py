@@ -88,15 +88,15 @@ def test_a_killed_node_is_back_and_its_messages_arrive_at_the_end_of_the_chain(p
 def test_the_launcher_answers_and_can_be_told_to_stop(palp: Palp, how: tuple[str, ...]) -> None:
     process = start_chain(palp, *how)
     graph = Running(palp)
-    told = graph.ask("graph")
+    told = graph.ask("graph", "graph")
     assert told == graph.record
     assert [node["name"] for node in told["nodes"]] == ["source", "relay", "sink"]
     own = {topic["name"]: topic for topic in told["topics"] if topic["node"] == "graph"}
     types = {name: topic["type"] for name, topic in own.items()}
     assert types == {GRAPH_EVENTS: "GraphEvent", GRAPH_HEALTH: "GraphHealth"}
     assert graph.events()[0].kind == "started"
-    assert "no operation 'dance'" in graph.ask("dance")["error"]
-    assert graph.ask("stop") == {"ending": "chain"}
+    assert "no operation 'dance'" in graph.ask("graph", "dance")["error"]
+    assert graph.ask("graph", "stop") == {"ending": "chain"}
     assert process.wait(PATIENCE_S) == 130
     assert process.stderr is not None
     assert "ended by a request to its launcher; all nodes exited" in process.stderr.read()

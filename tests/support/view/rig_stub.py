@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.support.palp import Palp, wait_for_line
+from tests.support.supervised import write_files
 
 DEPTH_M = 0.00432179865
 """Of the phantom that is mounted."""
@@ -181,9 +182,6 @@ view: palp_core.palpation.live_page.page:rig
 
 def launch_stub(palp: Palp, folder: Path, name: str, *arguments: str) -> None:
     """Launch it under a name, and wait until it runs."""
-    for path, text in (("nodes/rig_stub.py", NODE), ("launch/stub.yaml", LAUNCH.replace("NAME", name))):
-        file = folder / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+    write_files(folder, {"nodes/rig_stub.py": NODE, "launch/stub.yaml": LAUNCH.replace("NAME", name)})
     process = palp.start("launch", folder / "launch" / "stub.yaml", *arguments)
     wait_for_line(process, "estimation ")
