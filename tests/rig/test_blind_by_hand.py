@@ -221,7 +221,7 @@ def test_while_it_is_sealed_strategies_are_learnt_of_told_depths_and_of_all(out:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("order:=paper", "tells of each trial which depth it has"),
+        ("order:=paper", "order:=paper is published"),
         ("emg:=lsl", "palp session seal KEY"),
     ],
 )

@@ -56,7 +56,7 @@ def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path)
     assert (done.returncode, "holds a session already" in done.stderr) == (2, True), done.stderr
     checked = check_here(SIM, [f"out:={occupied}", "overwrite:=true"])
     check_start(SIM, checked)
-    with pytest.raises(PalpError, match="'a/b' is no name of a graph"):
+    with pytest.raises(PalpError, match="'a/b' is not a graph's name"):
         check_start(SIM, checked, "a/b")
     with pytest.raises(PalpError, match="nothing replaces '~' there"):
         check_start(SIM, msgspec.structs.replace(checked, args=checked.args | {"out": "~/session"}))
@@ -113,7 +113,7 @@ def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_l
 ) -> None:
     out = tmp_path / "out"
     process = palp.start("launch", SIM, f"out:={out}", *LONG)
-    wait_for_line(process, "training ")
+    wait_for_line(process, "training: ")
     nodes = json.loads((next((palp.runtime_dir / "palp").glob("sim-*")) / "graph.json").read_text())["nodes"]
     emg = next(node["pid"] for node in nodes if node["name"] == "emg")
     os.kill(emg, signal.SIGSTOP)  # the end waits for it, unless somebody insists

@@ -158,13 +158,9 @@ class Talk:
     """The graph, running, and the command line beside it."""
 
     def __init__(self, palp: Palp, folder: Path, *arguments: str) -> None:
-        files = {
-            "msgs/__init__.py": "",
-            "msgs/talk.py": MSGS,
-            "nodes/__init__.py": "",
-            "nodes/talk.py": NODES,
-        }
-        write_files(folder, {**files, "launch/talk.yaml": LAUNCH})
+        packages = {"msgs/__init__.py": "", "nodes/__init__.py": ""}
+        files = {"msgs/talk.py": MSGS, "nodes/talk.py": NODES, "launch/talk.yaml": LAUNCH}
+        write_files(folder, {**packages, **files})
         self.palp = palp
         self.folder = folder
         self.process = palp.start("launch", folder / "launch" / "talk.yaml", *arguments)

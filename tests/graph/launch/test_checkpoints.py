@@ -279,7 +279,7 @@ def test_an_unfinished_run_is_not_replaced_unasked(file: Path) -> None:
 def test_two_do_not_resume_one_run(file: Path) -> None:
     write(file)
     first = resume(file)
-    with pytest.raises(GraphError, match="goes on already"):
+    with pytest.raises(GraphError, match="is in use: its run is still going"):
         resume(file)
     first.close()
     resume(file).close()

@@ -169,7 +169,7 @@ def test_the_rig_on_the_wall_clock_replays_byte_for_byte(palp: Palp, tmp_path: P
     graph = palp.start(
         "launch", launch, "trials:=1", "training:=1", f"out:={tmp_path / 'out'}", "--record", bag
     )
-    wait_for_line(graph, "training 2/")
+    wait_for_line(graph, "training: 2/")
     graph.send_signal(signal.SIGINT)
     out, errors = graph.communicate(timeout=PATIENCE_S)
     assert "nothing missing" in out, errors

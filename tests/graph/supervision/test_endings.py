@@ -27,7 +27,7 @@ def node_pid(palp: Palp, name: str) -> int:
 
 def start_rig(palp: Palp, out: Path) -> subprocess.Popen[str]:
     process = palp.start("launch", SIM, f"out:={out}", "trials:=50", "training:=25")
-    wait_for_line(process, "training ")
+    wait_for_line(process, "training: ")
     return process
 
 

@@ -54,7 +54,7 @@ IN_PROCESS = "^bad: its process ended with status 0"
     [
         *(("", deed, IN_PROCESS) for deed in ("leave", "replace")),
         *(("--compose", deed, "^bad: .*failed: os.") for deed in ("leave", "leave_in_a_thread", "replace")),
-        ("--compose", "leave_in_c", "^the process of all nodes ended with status 0 before the run did"),
+        ("--compose", "leave_in_c", "^a node ended the process of all nodes with status 0"),
     ],
 )
 def test_a_node_that_ends_its_process_ends_no_run_as_if_all_were_well(

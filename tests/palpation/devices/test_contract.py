@@ -114,7 +114,7 @@ def test_a_driver_that_breaks_a_promise_is_reported_which_and_how() -> None:
         for promise, check in promises_of("ring").items()
     }
     why = broken.pop("a ring refuses targets beyond its stroke")
-    assert why == "it does not refuse a target of -0.001 m (with a DeviceError that says 'target_m')"
+    assert why == "it does not refuse a target of -0.001 m (with a DeviceError that contains 'target_m')"
     assert set(broken.values()) == {""}
 
 

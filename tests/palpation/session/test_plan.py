@@ -213,7 +213,7 @@ def test_a_list_is_followed_line_by_line(tmp_path: Path) -> None:
         ("rest,A,16", r"list\.csv:2: phase is 'rest'"),
         ("training,Z,16", r"list\.csv:2: no phantom 'Z'"),
         ("training,A,deep", r"list\.csv:2: ring_mm is 'deep'"),
-        ("training,A,12", r"list\.csv:2: ring_mm is 12, which is none"),
+        ("training,A,12", r"list\.csv:2: ring_mm is 12, which is not in"),
         ("", "has no trial"),
         ("estimation,A,\ntraining,A,16", "all of training comes before"),
     ],

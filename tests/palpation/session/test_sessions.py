@@ -100,7 +100,7 @@ def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> Non
     assert found["stopped"].words == "unfinished: 2 of 6 trials, because: Ctrl-C"
     assert "trials.csv:4: the row is damaged" in found["bad"].words
     assert "run.json cannot be read" in found["torn"].words
-    assert "run.json, which says of what run it is, is missing" in found["unknown"].words
+    assert "run.json is missing" in found["unknown"].words
     assert found["unknown"].began.startswith("~")
 
 

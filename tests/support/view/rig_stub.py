@@ -184,4 +184,4 @@ def launch_stub(palp: Palp, folder: Path, name: str, *arguments: str) -> None:
     """Launch it under a name, and wait until it runs."""
     write_files(folder, {"nodes/rig_stub.py": NODE, "launch/stub.yaml": LAUNCH.replace("NAME", name)})
     process = palp.start("launch", folder / "launch" / "stub.yaml", *arguments)
-    wait_for_line(process, "estimation ")
+    wait_for_line(process, "estimation: ")

@@ -77,7 +77,7 @@ class LaunchView:
 
     def _show(self, progress: Progress, note: str) -> None:
         if self._bars is None:
-            print_text(f"{progress.phase} {progress.done_count}/{progress.total_count} {note}".rstrip())
+            print_text(f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip())
             own_stream(sys.stdout).flush()
             return
         phase = escape_controls(progress.phase)

@@ -136,7 +136,7 @@ def test_the_rigs_process_obeys_and_answers_every_line(quick_rig: Callable[..., 
     assert answers[:3] == ["ok"] * 3
     assert json.loads(answers[3])["torque_n_m"] != 0.0
     assert "no fault 'fire'" in answers[4]
-    assert answers[5].startswith("error: 'dance' is no command")
+    assert answers[5].startswith("error: 'dance' is not a command")
     assert len(answers) == 6
 
 

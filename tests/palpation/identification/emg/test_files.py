@@ -224,17 +224,17 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "names that say nothing": (
         table(TIMES_S, *EMG, heading="time_s,a,b"),
         {},
-        r"which column is the flexor.*of 0 'time_s' \[s\], 1 'a', 2 'b'",
+        r"the column of the flexor.*of 0 'time_s' \[s\], 1 'a', 2 'b'",
     ),
     "one name that says something": (
         table(TIMES_S, *EMG, heading="time_s,fds,b"),
         {},
-        "which column is the extensor",
+        "the column of the extensor",
     ),
     "two flexors": (
         table(TIMES_S, *EMG, heading="time_s,flexor 1,flexor 2"),
         {},
-        "which column is the flexor",
+        "the column of the flexor",
     ),
     "no such column": (
         table(TIMES_S, *EMG),

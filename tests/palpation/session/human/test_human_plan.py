@@ -63,7 +63,9 @@ def test_a_spoilt_trial_is_done_again_and_an_unusable_contraction_too() -> None:
     trials = [("HumanTrial", 0, 1), ("HumanTrial", 0, 2), ("HumanTrial", 1, 1)]
     assert seen == [("HoldMvc", None, 1), ("HoldMvc", None, 2), *trials]
     done, again = HumanReply(), HumanReply("repeat")
-    with pytest.raises(PerceptionError, match="none of 2 contractions"):  # identity, rest, MVC, rest, MVC
+    with pytest.raises(
+        PerceptionError, match="2 contractions, none usable"
+    ):  # identity, rest, MVC, rest, MVC
         resume(plan.human(HumanDesign(mvc_tries=2)), [done, done, again, done, again, done])
 
 
