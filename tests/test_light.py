@@ -14,7 +14,7 @@ from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 HEAVY = (
     *("palp_core.palpation", "matplotlib", "pandas", "pywt", "scipy", "skfem", "statsmodels"),
-    *("serial", "can", "rosbags", "jinja2", "pyarrow", "nicegui", "foxglove"),
+    *("serial", "can", "rosbags", "jinja2", "pyarrow", "nicegui"),
 )
 FOR_VERBS = (
     "numpy",

@@ -92,6 +92,10 @@ def test_a_page_that_does_not_ask_keeps_no_more_than_its_bound(
 
 def test_a_message_that_is_too_large_or_no_message_is_told_and_not_shown(known: RunningGraph) -> None:
     topic = known.topic("/source/sample")
-    for payload, words in ((bytes(2 << 20), "2097152 bytes"), (b"\xc1", "not msgpack"), (b"\x01", "no map")):
+    for payload, words in (
+        (bytes(2 << 20), "2097152 bytes"),
+        (b"\xc1", "not msgpack"),
+        (b"\x01", "not a map"),
+    ):
         frame = Frame(topic.name, 0, 0, 1, 0, 0, memoryview(payload))
         assert words in str(decode_sample(frame, topic).message["(not shown)"])
