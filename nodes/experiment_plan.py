@@ -206,16 +206,16 @@ def take_up_marked(
         marked = to_be_redone(folder, known | {*state.not_again})
         felt = {(row.phase, row.trial): row for row in read_rows(folder)} if marked else {}
     except PalpError as error:
-        yield f"nothing is done again: {error}"
+        yield f"nothing is repeated: {error}"
         return
     for key in marked:
         phase, trial = key
         if key in felt and phase == "estimation" and isinstance(design, ExperimentDesign):
             state.again.append((trial, felt[key].phantom))
-            yield f"trial {trial} is done again at the end"
+            yield f"trial {trial} will be repeated at the end"
         else:
             state.not_again.append(key)
-            yield f"{phase} trial {trial} is marked and not done again: only trials of estimation are"
+            yield f"{phase} trial {trial} is marked and not repeated: only trials of estimation are"
 
 
 def _redone_by(state: ExperimentState, design: ExperimentDesign | RepeatDesign) -> int | None:

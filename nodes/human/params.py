@@ -148,9 +148,7 @@ def find_mistakes(params: HumanParams, mistakes: Mistakes) -> None:
 def _find_blind_mistakes(params: HumanParams, mistakes: Mistakes) -> None:
     """Add why a session cannot be blinded; nothing is drawn."""
     if params.order == "paper":
-        mistakes["order"] = (
-            "the paper's order is published, and tells of each trial which depth it has: counterbalanced"
-        )
+        mistakes["order"] = "order:=paper is published, so it cannot be blind; use counterbalanced"
     if is_sealed(params.phantoms):
         return
     with mistakes.of("phantoms"):

@@ -56,7 +56,7 @@ def test_a_trial_marked_while_the_session_goes_on_is_done_again_at_its_end(
     why = left_out(tmp_path)
     assert why["estimation", first.trial] == f"redo: the phantom slipped; done again as trial {PLANNED + 1}"
     assert why["training", 1] == "redo: and in training"
-    assert "training trial 1 is marked and not done again: only trials of estimation are" in caplog.text
+    assert "training trial 1 is marked and not repeated: only trials of estimation are" in caplog.text
     counted = [trial.probes[0].trial for trial in read_session(tmp_path).trials]
     assert counted == [n for n in range(1, PLANNED + 2) if n != first.trial]
     progress = rig.bench.sent(Experiment.progress)[-1]

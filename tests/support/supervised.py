@@ -97,8 +97,11 @@ class Running:
         """The nodes of its record, by name."""
         return [node["name"] for node in self.record["nodes"]]
 
+    def pid(self, node: str) -> int:
+        return int(next(entry["pid"] for entry in self.record["nodes"] if entry["name"] == node))
+
     def process(self, node: str) -> psutil.Process:
-        return psutil.Process(next(n["pid"] for n in self.record["nodes"] if n["name"] == node))
+        return psutil.Process(self.pid(node))
 
     def ask(self, node: str, op: str, **fields: Any) -> dict[str, Any]:
         """Ask a node, the launcher ("graph") or the gateway."""

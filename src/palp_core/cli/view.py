@@ -125,7 +125,7 @@ def _show_live(
         pages = lambda: register_pages(viewer)  # noqa: E731
         simulated = running.record.clock == "sim"
         serve(listening, token, pages, low_priority=simulated, over=lambda: not running.alive)
-        note(f"graph '{running.record.graph}' has ended, and no page is open: the viewer ends")
+        note(f"graph '{running.record.graph}' has ended and no browser is open: closing")
     finally:
         source.close()
 

@@ -320,7 +320,7 @@ def test_a_node_runs_alone_and_takes_messages_from_outside(lone_home: Host) -> N
     alone = lone_home.start("run", "nodes.toys:Keeper", "-p", f"notes:={book.path}")
     book.until("active")
     graph = Launched.__new__(Launched)
-    graph.host = lone_home
+    graph.palp = lone_home
     assert graph.ask("keeper", op="publish", port="tick", message={"index": 7})["sequence"] == 1
     assert book.until("tick")[1] == "7"
     (entry,) = graph.record["nodes"]

@@ -40,14 +40,14 @@ class Life(Stage):
 
     def kill(self) -> None:
         """Let the node die, and wait until it is at work again."""
-        process = self.process("relay").pid
+        process = self.pid("relay")
         os.kill(process, signal.SIGKILL)
         while not self.is_at_work(process):
             self.wait_for_source()
 
     def is_at_work(self, before: int = 0) -> bool:
         """Tell whether the node works, in another process than before."""
-        process = self.process("relay").pid
+        process = self.pid("relay")
         if process in (0, before):
             return False
         info = self.graph.ask("relay", "info", timeout_s=PATIENCE_S)

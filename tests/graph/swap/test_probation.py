@@ -115,7 +115,7 @@ def test_the_command_says_what_nothing_has_proven(stage: Stage) -> None:
 
 
 def test_the_old_nodes_death_ends_the_probation_and_the_new_one_goes_on(stage: Stage) -> None:
-    old = stage.process("relay").pid
+    old = stage.pid("relay")
     assert "report" in _swap(stage, "Novice", deed="kill_other", pid=old, after=5)
     stage.passes(20)
     _nothing_was_lost_or_repeated(stage)
@@ -125,7 +125,7 @@ def test_the_old_nodes_death_ends_the_probation_and_the_new_one_goes_on(stage: S
 def test_what_the_old_node_dies_before_publishing_is_published_by_the_new_one(own_stage: Stage) -> None:
     stage = own_stage
     assert "report" in _swap(stage, "Laborious", {"run_count": 0, "longest_s": 0.0})
-    old = stage.process("relay").pid
+    old = stage.pid("relay")
     assert "report" in _swap(stage, "Forgetful", deed="kill_other", pid=old, after=40)
     stage.passes(20)
     _nothing_was_lost_or_repeated(stage)

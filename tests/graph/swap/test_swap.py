@@ -180,7 +180,7 @@ def test_the_old_nodes_death_ends_the_swap_and_the_graph_by_its_rule(
     palp: Palp, own_stage: Stage, step: str
 ) -> None:
     with pytest.raises(GraphError, match="relay"):
-        own_stage.swap("Faulty", step=step, deed="kill_other", pid=own_stage.process("relay").pid)
+        own_stage.swap("Faulty", step=step, deed="kill_other", pid=own_stage.pid("relay"))
     assert own_stage.launcher.wait() != 0
     assert palp.all_gone()
 
@@ -191,7 +191,7 @@ def test_an_old_node_that_dies_when_it_has_handed_over_is_gone_at_once_and_the_n
     stage = own_stage
     listener = SubscriberSocket({"/relay/out": f"ipc://{stage.folder}/+1.pub"})
     try:
-        old = stage.process("relay").pid
+        old = stage.pid("relay")
         assert "report" in stage.swap("Faulty", step="take over", deed="kill_other", pid=old)
         last, phases = stage.judgement()[0], []
         while "gone" not in phases:  # it is said once: whoever listens goes on without the old place
@@ -310,7 +310,7 @@ def test_a_neighbour_that_is_stopped_keeps_a_node_from_a_swap_at_once_and_misses
 
 
 def test_a_reader_that_stops_in_the_middle_of_a_swap_takes_it_back(stage: Stage) -> None:
-    sink, timeout_s = stage.process("sink").pid, stage.patience_s()
+    sink, timeout_s = stage.pid("sink"), stage.patience_s()
     failed = stage.swap("Faulty", step="configure", deed="stop_other", pid=sink, timeout_s=timeout_s)[
         "failed"
     ]

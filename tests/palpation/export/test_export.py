@@ -292,4 +292,4 @@ def test_a_bag_has_what_the_folder_has_and_emg(rig_session: RigSession, tmp_path
 def test_what_is_no_session_is_refused_in_words(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["session", "export", str(tmp_path), "--to", "csv"])
     assert isinstance(result.exception, PalpError)
-    assert "no session's folder" in str(result.exception)
+    assert "not a session's folder" in str(result.exception)

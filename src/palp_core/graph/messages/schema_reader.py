@@ -49,7 +49,7 @@ def kind_of(schema: JsonSchema) -> FieldKind:
     if name == "object":
         return FieldKind.MESSAGE if "properties" in schema else FieldKind.MAP
     if not isinstance(name, str | None) or name not in _KINDS:
-        raise SchemaMismatch(f"the schema's type '{name}' is not a message's")
+        raise SchemaMismatch(f"the schema's type '{name}' is not valid in a message")
     return _KINDS[name]
 
 

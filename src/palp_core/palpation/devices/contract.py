@@ -115,7 +115,7 @@ def _refused(words: str, what: str) -> Iterator[None]:
         yield
     except DeviceError as error:
         refusal = str(error)
-    assert refusal, f"it does not refuse {what} (with a DeviceError that says '{words}')"
+    assert refusal, f"it does not refuse {what} (with a DeviceError that contains '{words}')"
     assert re.search(words, refusal), f"it refuses {what}, but does not say '{words}': {refusal}"
 
 
