@@ -216,7 +216,7 @@ def test_a_bag_or_a_running_graph_without_a_rig_is_refused(
     for run, words in (
         (
             str(rig_session.bag),
-            "no bag of a session: graph 'chain' has no palpations and no methods",
+            "not a session: graph 'chain' has no palpations and no methods",
         ),
         ("chain", "graph 'chain' runs, but is no session: .*no node publishes TrialResult"),
     ):

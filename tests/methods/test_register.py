@@ -153,10 +153,13 @@ def test_a_bound_that_bounds_nothing_is_refused(
             "'sharpen' is",
         ),
         (table(QUANTITIES={"steel": ("kg", "how heavy")}), r"'steel' is listed already: how hard a blade"),
-        (table(row("new", 1.0, valid={"stele": (0.0, 1.0)})), "'stele' is no quantity.*did you mean steel"),
+        (
+            table(row("new", 1.0, valid={"stele": (0.0, 1.0)})),
+            "'stele' is not a quantity.*did you mean steel",
+        ),
         (
             table(row("new", 1.0, Bound("edge", 0.1, {"stele": (0.0, 1.0)}))),
-            "'stele' is no quantity",
+            "'stele' is not a quantity",
         ),
         (SimpleNamespace(), "it has no METHODS"),
     ],

@@ -16,9 +16,6 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
-from palp_core.graph.node.spec import GRAPH_EVENTS
-from palp_core.graph.transport.requester_socket import ask
-from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp, short_folder
 from tests.support.supervised import Running, write_files
 
@@ -215,16 +212,6 @@ class Launched(Running):
             if words in line:
                 return line
         raise AssertionError(f"ended without saying '{words}' but: {''.join(lines)}")
-
-    def until(self, so: Callable[[], object]) -> None:
-        """Wait until something is so: look again at each event and at each heartbeat of their topic."""
-        news = SubscriberSocket({GRAPH_EVENTS: f"ipc://{self.folder}/graph.pub"})
-        try:
-            while not so():
-                assert news.wait(PATIENCE_S), "the graph says nothing"
-                news.receive()
-        finally:
-            news.close()
 
     @property
     def guests(self) -> list[str]:

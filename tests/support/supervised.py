@@ -110,12 +110,11 @@ class Running:
         return reply
 
     def events(self) -> list[GraphEvent]:
-        """What has happened so far."""
-        frames = self.ask("history", topic=GRAPH_EVENTS, first=1, last=1000)["frames"]
+        frames = self.ask("graph", "history", topic=GRAPH_EVENTS, first=1, last=1000)["frames"]
         return [decode(GraphEvent, parse(frame).payload) for frame in frames]
 
-    def wait_for(self, kind: str, node: str) -> GraphEvent:
-        """Wait until something has happened to a node."""
+    def until(self, condition: Callable[[], object]) -> None:
+        """Wait for a condition: look again at each event and at each heartbeat of their topic."""
         news = SubscriberSocket({GRAPH_EVENTS: f"ipc://{self.folder}/graph.pub"})
         try:
             while not condition():

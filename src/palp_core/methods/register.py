@@ -116,7 +116,7 @@ class Method:
         if not 0.0 < self.cost_s < math.inf:
             raise MethodError(f"{self} costs {self.cost_s:g} s; give the seconds of one use")
         if not self.evidence.strip():
-            raise MethodError(f"{self} has no evidence; say where its errors were established")
+            raise MethodError(f"{self} has no evidence; name the test or study of its errors")
         if self.survivor == self.name:
             raise MethodError(f"{self} cannot survive where it fails itself; name another survivor, or none")
         _check_ranges(self.valid, str(self))
@@ -201,7 +201,7 @@ class Register:
             if name not in self.quantities:
                 near = difflib.get_close_matches(name, self.quantities, n=3)
                 meant = f"did you mean {' or '.join(near)}? " if near else ""
-                raise MethodError(f"{what}: '{name}' is no quantity of scenes; {meant}add it to QUANTITIES")
+                raise MethodError(f"{what}: '{name}' is not a quantity; {meant}add it to QUANTITIES")
 
 
 @cache

@@ -345,7 +345,7 @@ def test_a_second_swap_while_one_runs_hears_so_at_once(stage: Stage) -> None:
 
 
 def test_swaps_leave_no_descriptor_and_no_file_behind(stage: Stage) -> None:
-    processes = {name: psutil.Process(stage.process_of(name)) for name in ("sink", "asker", "source")}
+    processes = {name: stage.process(name) for name in ("sink", "asker", "source")}
     stage.swap("Other")
     before = {name: process.num_fds() for name, process in processes.items()}
     for turn in range(3):

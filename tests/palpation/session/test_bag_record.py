@@ -164,7 +164,7 @@ def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
     ("left_out", "said"),
     [
         ("belief", "nothing of /estimator/belief is in it, and without it there is no session"),
-        ("palpation", "holds no palpation: nothing of /estimator/palpation is in it"),
+        ("palpation", "no palpation: /estimator/palpation is missing"),
         ("/actuator/", "nothing of /actuator/ring_state, /actuator/truth is in it"),
     ],
 )

@@ -116,7 +116,7 @@ def read_checkpoint(path: Path) -> KeptRun:
     if not head.startswith(_MAGIC):
         raise GraphError(f"{path} was written by another version of palp; resume it with that, {_ELSEWHERE}")
     if head[len(_MAGIC) :] != hashlib.sha256(body).digest():
-        raise GraphError(f"{path} is torn: a part of it is missing or wrong; nothing is resumed: begin again")
+        raise GraphError(f"{path} is incomplete or damaged; start again without --resume")
     try:
         return msgspec.msgpack.decode(body, type=KeptRun)
     except msgspec.MsgspecError as error:
@@ -192,7 +192,7 @@ class Checkpoints:
             return
         if self.path.exists() and not self._launched.report:
             raise GraphError(
-                f"{self.path} is of an unfinished run: --resume goes on with it; remove it to begin again"
+                f"{self.path} is of an unfinished run; continue it with --resume, or remove the file"
             )
         self._hold()
 

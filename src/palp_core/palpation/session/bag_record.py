@@ -294,7 +294,7 @@ def _roles(launch: RunSummary, path: Path) -> Roles:
         return roles_of(launch)
     except NoSession as error:
         raise PalpError(
-            f"{path}: no bag of a session: graph '{launch.graph}' has no palpations and no methods "
+            f"{path}: not a session: graph '{launch.graph}' has no palpations and no methods "
             f"({error.why}); what the bag holds says palp bag info {path}"
         ) from error
     except PalpError as error:
