@@ -78,7 +78,7 @@ def test_the_cheapest_that_is_right_enough_is_chosen_and_gives_the_states_of_che
     assert choose("sharpen", "edge", 0.05, {"steel": (0.5, 1.5)}).name == "finest"
     with pytest.raises(MethodError, match=r"no sharpen method gives 'edge' within 0\.01% at steel = 0\.5"):
         choose("sharpen", "edge", 1e-4, {"steel": 0.5})
-    with pytest.raises(MethodError, match=r"a scene for task 'sharpen': 'stele' is no .* mean steel\?"):
+    with pytest.raises(MethodError, match=r"a scene for task 'sharpen': 'stele' is not a .* mean steel\?"):
         choose("sharpen", "edge", 0.05, {"stele": 0.5})
 
 

@@ -94,7 +94,7 @@ def test_a_table_that_lacks_palpations_is_refused(tmp_path: Path) -> None:
     table = tmp_path / "trials.csv"
     lines = table.read_bytes().splitlines(keepends=True)
     table.write_bytes(b"".join(lines[:5]))
-    with pytest.raises(NodeError, match=r"it has 4 palpations of \d+; restore"):
+    with pytest.raises(NodeError, match=r"it has 4 palpations, and the session had come to \d+; restore"):
         resumed(tmp_path, kept)
     assert table.read_bytes() == b"".join(lines[:5])
     table.write_bytes(b"".join(lines))

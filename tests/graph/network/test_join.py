@@ -97,7 +97,7 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
     delays_s = [(int(now_ns) - int(sent_ns)) / 1e9 for _, _, sent_ns, now_ns in ticks]
 
     graph.until(lambda: "guest" in graph.nodes)
-    assert graph.record()["listen"] == graph.address
+    assert graph.record["listen"] == graph.address
     echoed = home.run("topic", "echo", "/guest/heard", "--once", "--json")
     assert echoed.returncode == 0, echoed.stderr
     assert '"index"' in echoed.stdout

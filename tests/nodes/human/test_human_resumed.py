@@ -73,7 +73,7 @@ def test_what_lacks_trials_or_goes_on_already_is_not_gone_on_with(tmp_path: Path
     kept = interrupted(out, 2)
     lines = (out / HUMAN_TABLE).read_text().splitlines(keepends=True)
     (out / HUMAN_TABLE).write_text("".join(lines[:2]))
-    with pytest.raises(NodeError, match="it has 1 trial of 2"):
+    with pytest.raises(NodeError, match="it has 1 trial, and the session had come to 2"):
         resumed(out, kept)
     (out / HUMAN_TABLE).write_text("".join(lines))
     lab = resumed(out, kept)

@@ -116,7 +116,7 @@ def end(
         who = running.record.graph
         ended = wait_for_end(min(timeout, SILENT_S))
         if not ended and timeout > SILENT_S:
-            note(f"graph '{who}' is ending: nodes come to their safe state, files are written, charts drawn")
+            note(f"graph '{who}' is ending: safe state, files, report")
             ended = wait_for_end(timeout - SILENT_S)
         if not ended:
             note(f"graph '{who}' is still ending after {timeout:g} s; see palp graph list, palp logs")

@@ -331,4 +331,4 @@ def _refusals(graph: RunningGraph) -> Iterator[Trouble]:
         often = f", {refusal['count']} times" if refusal.get("count", 1) > 1 else ""
         key = f" with key {refusal['key']}" if refusal.get("key") else ""
         text = f"refused {refusal.get('address') or 'a stranger'}{key}{often}: {refusal['reason']}"
-        yield Trouble("gateway", WARN, text, "palp keys list shows who is allowed")
+        yield Trouble("gateway", WARN, text, "palp keys list shows the allowed keys")

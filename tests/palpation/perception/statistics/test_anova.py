@@ -99,7 +99,7 @@ def test_the_mixed_logit_finds_the_effect_despite_the_sessions() -> None:
 
 def test_the_exact_test_gives_reference_values() -> None:
     assert fisher((3, 4), (1, 4)) == pytest.approx(0.4857142857)  # Fisher's tea, "The Design of Experiments"
-    with pytest.raises(PerceptionError, match="no share"):
+    with pytest.raises(PerceptionError, match="not a share"):
         fisher((5, 4), (1, 4))
 
 

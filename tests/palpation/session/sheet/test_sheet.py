@@ -223,7 +223,7 @@ def test_result_page_and_folder_say_what_the_sheet_says(tmp_path: Path, sheet: P
 
 def test_a_sheet_of_ones_own_in_the_sessions_folder_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "session.yaml").write_text(FILLED, encoding="utf-8")
-    with pytest.raises(PalpError, match="move it out of the folder"):
+    with pytest.raises(PalpError, match="would take its place"):
         session.prepare(describe(tmp_path))
     assert (tmp_path / "session.yaml").read_text(encoding="utf-8") == FILLED
 
