@@ -72,12 +72,12 @@ class StageInTruth:
         return axes
 
     def at_rest(self) -> bool:
-        """Tell whether both axes are at rest."""
+        """Return whether both axes are at rest."""
         axes = self.axes()
         return not any(axes[name]["moving"] for name in ("y", "z"))
 
     def enabled(self) -> bool:
-        """Tell whether an axis is enabled."""
+        """Return whether an axis is enabled."""
         axes = self.axes()
         return any(axes[name]["enabled"] for name in ("y", "z"))
 
@@ -261,7 +261,7 @@ class RunningRig:
         return self.call("safety", "status")
 
     def sweeping(self) -> bool:
-        """Tell whether the probe is down and moves at the speed of a sweep, well inside of it."""
+        """Return whether the probe is down and moves at the speed of a sweep, well inside of it."""
         axes = self.stage.axes()
         y, down = axes["y"], axes["z"]["position_m"] < 1e-4
         fast = y["velocity_m_per_s"] > 0.95 * self._sweep_m_per_s

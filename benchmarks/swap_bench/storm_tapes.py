@@ -131,7 +131,7 @@ class Judge:
 
     @staticmethod
     def _was_away(key: int, got: Rows, keys: Rows, deaths: Deaths) -> bool:
-        """Tell whether a number came after the last of a killed reader and before its next one's first."""
+        """Return whether a number came after the last of a killed reader and before its next one's first."""
         for pid in deaths.pids.intersection(got[:, READER].tolist()):
             end = int(np.flatnonzero(got[:, READER] == pid)[-1])
             if keys[end] < key and (end + 1 == len(keys) or key < keys[end + 1]):
@@ -156,7 +156,7 @@ class Judge:
 
     @staticmethod
     def _was_interrupted(first: Rows, again: Rows, is_last: bool, deaths: Deaths) -> bool:
-        """Tell whether a kill fell between a handler's deed and the note that it was done."""
+        """Return whether a kill fell between a handler's deed and the note that it was done."""
         return is_last and any(
             first[who] != again[who] and int(first[who]) in deaths.pids for who in (BY, READER)
         )
@@ -178,5 +178,5 @@ def _note(verdict: Verdict, what: str, row: Rows) -> None:
 
 
 def reached(got: Rows, life: int, index: int) -> bool:
-    """Tell whether a reader has come as far as a number."""
+    """Return whether a reader has come as far as a number."""
     return bool(len(got)) and tuple(got[-1, [LIFE, INDEX]].tolist()) >= (life, index)

@@ -128,7 +128,7 @@ class Search:
 
     @property
     def over(self) -> bool:
-        """Tell whether the rate is known well enough, or nothing arrives any more."""
+        """Return whether the rate is known well enough, or nothing arrives any more."""
         known = self._fails_hz / max(self.best_hz, 1.0) < self._phase.resolution
         return known or self._silent == 3 or self.stage > 100
 

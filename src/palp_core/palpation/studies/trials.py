@@ -278,7 +278,7 @@ def draw_rings(policy: StiffnessPolicy, session: WorldSession) -> Indices:
 def _most_information(
     model: TraceModel, session: WorldSession, protocol: Protocol, belief: TraceBelief, before: int
 ) -> Indices:
-    """Return where a whole sweep is expected to tell most about the class per second, shape (n,)."""
+    """Return where a whole sweep is expected to give most information per second, shape (n,)."""
     rings_m = np.asarray(session.rings_m)
     settings = np.arange(len(rings_m))
     bits = np.stack([expected_bits(model, belief, s, landed=before != s) for s in settings.tolist()], axis=1)

@@ -35,7 +35,7 @@ def frontier_chart(rows: Records, depths: Records, limits: Limits) -> charts.Cha
             _error_of_seconds(error, [row for row in depths if row["world"] == world])
             charts.tidy(error, "31 depths", "seconds of the rig", "root mean squared error, mm")
             _accuracy_of(cost, own, "cpu_ms")
-            charts.tidy(cost, "beside it, computing", "CPU a decision, ms", "right, %")
+            charts.tidy(cost, "computing", "CPU a decision, ms", "right, %")
         _legend(figure)
 
     return charts.Chart(
@@ -47,7 +47,7 @@ def frontier_chart(rows: Records, depths: Records, limits: Limits) -> charts.Cha
         "ends once the belief is at 0.99. Bars: 95 % over sessions. A cross: where a scheme stops being "
         "right about itself, its stated confidence being off by more than 5 points. Grey: the best found, at "
         "so many seconds or so much CPU. Dotted: what Fano's inequality permits to the information of the "
-        "trace so far; dashed: Wald's bound for the two depths that are hardest to tell apart; both for "
+        "trace so far; dashed: Wald's bound for the two depths that are hardest to distinguish; both for "
         "the trace filter's model in a swift first sweep. Middle: the mean of the belief on 31 depths of "
         "which training knew three, for nodules at eleven of them, after one sweep and after four "
         "(joined). Right: all trials of a session decided at once; simulating what is felt is not in it.",

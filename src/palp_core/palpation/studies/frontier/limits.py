@@ -34,7 +34,7 @@ def most_accurate(model: TraceModel, setting: int, protocol: Protocol, bin_m: fl
     """Return seconds, Fano's bound and Wald's on the accuracy after so many bins, shape (b, 3).
 
     Fano: information is at most -sum_i w_i log sum_j w_j exp(-KL_ij) (Kolchinsky and Tracey, 2017). Wald: two
-    classes that are hardest to tell apart need the binary divergence of the error from its complement.
+    classes that are hardest to distinguish need the binary divergence of the error from its complement.
     """
     kl = divergences(model, setting)
     m, bins = kl.shape[0], kl.shape[2]

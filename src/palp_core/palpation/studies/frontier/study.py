@@ -60,11 +60,11 @@ _DEPTH_SCHEMES = tuple(
     for scheme in SCHEMES
     if scheme.reading != TRACE or (scheme.filter == "latent" and scheme.policy != "information_gain")
 )
-"""A trace has one filter; what a sweep would tell about 31 depths takes it a second, and is left out."""
+"""A trace has one filter; information gain over 31 depths takes it a second, and is left out."""
 
 
 def depth_case(name: str, plan: WorldPlan, schemes: Sequence[Scheme] = _DEPTH_SCHEMES) -> Case:
-    """Return the case in which schemes tell depths in millimetres; of a rule its filter alone counts."""
+    """Return the case in which schemes estimate depths in millimetres; of a rule its filter alone counts."""
     conditions = replace(plan.conditions, trials=_DEPTH_TRIALS)
     some_depths = replace(plan, conditions=conditions, test_depths_m=GRID_M[::3])
     asked = [

@@ -141,7 +141,7 @@ def measure_denoising(scene: Scene) -> Iterator[Measured]:
         yield Measured("denoise", rule, "", cost_s, error, "feature", _TRUTH)
 
 
-# feature: wrong decisions from one reading at the stiffest ring, that of all which tells most
+# feature: wrong decisions from one reading at the stiffest ring, the most informative of all
 
 
 def one_reading(feature: str, touch: Gel, conditions: Conditions, count: int) -> float:

@@ -30,7 +30,7 @@ from palp_core.units import Float64Array
 
 TASK, STRAIGHT = "trace_filter", "straight"
 RIG = Conditions(mounting="each_trial", specimens="other", phantoms=3, trials=60)
-"""Every trial is mounted anew, and none of its phantoms was trained on."""
+"""Every trial has a new mounting, and none of its phantoms was trained on."""
 _SEED = 47
 
 

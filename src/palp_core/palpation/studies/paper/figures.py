@@ -295,7 +295,7 @@ def figure_12(table: Mapping[str, dict[str, Any]]) -> charts.Chart:
         "Figure 12: human, fixed stiffness, human strategy",
         "Grey: as published. Blue: this study, with 95 % intervals over sessions. The paper compares with "
         "the average of the five fixed positions alone. The best of them, which it leaves out, is the one "
-        "at which each session's own training is told apart best.",
+        "whose training is decided best in each session.",
         3.4,
         ["experiment", "paper", "ours", "low", "high"],
         rows,
