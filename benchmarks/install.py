@@ -51,11 +51,11 @@ def tree_mb(folder: Path) -> float:
     return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file()) / MEGABYTE
 
 
-def downloaded_mb(said: str) -> float:
+def downloaded_mb(output: str) -> float:
     """Return what pip says that it has downloaded, in MB; a wheel from a folder counts as it is there."""
     units = {"bytes": 1e-6, "kB": 1e-3, "MB": 1.0, "GB": 1e3}
-    sizes = re.findall(r"Downloading [^\n(]+\(([\d.]+) (bytes|kB|MB|GB)\)", said)
-    files = [Path(name) for name in re.findall(r"^Processing (/\S+\.whl)", said, flags=re.MULTILINE)]
+    sizes = re.findall(r"Downloading [^\n(]+\(([\d.]+) (bytes|kB|MB|GB)\)", output)
+    files = [Path(name) for name in re.findall(r"^Processing (/\S+\.whl)", output, flags=re.MULTILINE)]
     here_mb = sum(file.stat().st_size / MEGABYTE for file in files)
     return sum(float(size) * units[unit] for size, unit in sizes) + here_mb
 
@@ -71,10 +71,10 @@ def install(python: str, wheel: Path, extra: str, folder: Path) -> tuple[float, 
     wanted = f"palp-core[{extra}] @ {wheel.as_uri()}" if extra else str(wheel)
     report = folder / "report.txt"
     begin_s = perf_counter()
-    with report.open("w") as said:
+    with report.open("w") as output:
         subprocess.run(
             [str(folder / "bin/pip"), "install", "--no-cache-dir", "--disable-pip-version-check", wanted],
-            check=True, stdout=said, stderr=subprocess.STDOUT,
+            check=True, stdout=output, stderr=subprocess.STDOUT,
         )  # fmt: skip
     seconds = perf_counter() - begin_s
     return seconds, downloaded_mb(report.read_text()), tree_mb(folder) - before_mb

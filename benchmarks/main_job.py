@@ -56,16 +56,21 @@ def take(palp: Path, folder: Path, words: list[str]) -> Turn:
     environment["PYTHONPYCACHEPREFIX"] = str(folder / "bytecode")
     out = folder / "out"
     command = [str(palp), "launch", "launch/sim.yaml", f"out:={out}", "overwrite:=true", *words]
-    with (folder / "said.txt").open("wb") as said:
+    with (folder / "output.txt").open("wb") as output:
         begun_s = time.monotonic()
         process = subprocess.Popen(
-            command, cwd=palp.parents[2], env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL
+            command,
+            cwd=palp.parents[2],
+            env=environment,
+            stdout=output,
+            stderr=output,
+            stdin=subprocess.DEVNULL,
         )
         _, status, usage = os.wait4(process.pid, 0)
         wall_s = time.monotonic() - begun_s
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode != 0:
-        raise SystemExit(f"{palp}: {(folder / 'said.txt').read_text(encoding='utf-8')}")
+        raise SystemExit(f"{palp}: {(folder / 'output.txt').read_text(encoding='utf-8')}")
     return Turn(wall_s, usage.ru_utime + usage.ru_stime, digest(out))
 
 

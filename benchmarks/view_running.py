@@ -55,10 +55,10 @@ class Launched:
 
     def __init__(self, palp: Palp, folder: Path, *arguments: object) -> None:
         self.palp, self.folder = palp, folder
-        self._said = (folder / "said.txt").open("w", encoding="utf-8")
+        self._output = (folder / "output.txt").open("w", encoding="utf-8")
         self.process = subprocess.Popen(
             palp.command("launch", *arguments),
-            env=palp.environment, cwd=folder, stdout=self._said, stderr=self._said,
+            env=palp.environment, cwd=folder, stdout=self._output, stderr=self._output,
         )  # fmt: skip
         self._graph: RunningGraph | None = None
         until(self._at_work, "graph")
@@ -81,7 +81,7 @@ class Launched:
 
     def _at_work(self) -> bool:
         if self.process.poll() is not None:
-            raise GraphError((self.folder / "said.txt").read_text(encoding="utf-8"))
+            raise GraphError((self.folder / "output.txt").read_text(encoding="utf-8"))
         try:
             self._graph = self._graph or running_graph(self.palp, "rig")
             return self.published("/torque/block") > 0

@@ -163,8 +163,8 @@ class Storm:
         self._runtime = Path(tempfile.mkdtemp(prefix="storm-", dir="/tmp"))  # short enough for sockets
         environment = {**os.environ, MARK: self._mark, "XDG_RUNTIME_DIR": str(self._runtime)}
         command = [sys.executable, "-m", "palp_core", "launch", str(LAUNCH), f"out:={self.tapes}"]
-        with (self.tapes / "launcher.txt").open("wb") as said:
-            self._launcher = subprocess.Popen(command, stdout=said, stderr=said, env=environment)
+        with (self.tapes / "launcher.txt").open("wb") as output:
+            self._launcher = subprocess.Popen(command, stdout=output, stderr=output, env=environment)
         self._judges = {name: Judge(best_effort=name == "best_effort") for name in READERS}
         self.wait(
             lambda: all(len(self.tape(name)) for name in READERS), "not every reader has heard anything"
@@ -241,7 +241,7 @@ class Storm:
         try:
             self.launch()
         except Stranded as stranded:
-            return [f"launched anew: {stranded}"]
+            return [f"launched again: {stranded}"]
         return []
 
     def _swap(self, turn: Turn, former: int) -> None:

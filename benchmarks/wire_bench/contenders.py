@@ -136,8 +136,8 @@ def run_scripts(script: Path, phases: list[Phase], readers: int = 1) -> Outcome:
         running: dict[str, subprocess.Popen[bytes]] = {}
         for role, number in roles:
             command = [sys.executable, str(script), role, str(folder), str(number), str(readers)]
-            said = stack.enter_context((folder / f"{role}{number}.said").open("wb"))
-            process = subprocess.Popen(command, env=environment(folder), stdout=said, stderr=said)
+            output = stack.enter_context((folder / f"{role}{number}.output").open("wb"))
+            process = subprocess.Popen(command, env=environment(folder), stdout=output, stderr=output)
             running[f"{role}{number}"] = stack.enter_context(process)
             stack.callback(process.kill)
         _await(script.stem, running, folder)
@@ -154,8 +154,8 @@ def _await(name: str, running: dict[str, subprocess.Popen[bytes]], folder: Path)
                 del running[end]
             if process.returncode or time.monotonic() > until_s:
                 how = f"ended with {process.returncode}" if process.returncode else "did not end"
-                said = (folder / f"{end}.said").read_text(encoding="utf-8", errors="replace")
-                raise RuntimeError(f"{name} {end} {how}: {said[-2000:].strip()}")
+                output = (folder / f"{end}.output").read_text(encoding="utf-8", errors="replace")
+                raise RuntimeError(f"{name} {end} {how}: {output[-2000:].strip()}")
 
 
 def first_message_s() -> float:

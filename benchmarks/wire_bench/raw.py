@@ -92,7 +92,7 @@ def read_all(socket: zmq.Socket[bytes], arrivals: Arrivals, reply: zmq.Socket[by
 
 
 def catch(folder: Path, number: int) -> None:
-    """Be the reading end until told to end."""
+    """Be the reading end until its publisher ends."""
     sign_in(folder)
     context = zmq.Context()
     reply = context.socket(zmq.XPUB)

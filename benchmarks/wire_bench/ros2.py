@@ -81,7 +81,7 @@ class Pitcher(Drive):
 
 
 def catch(folder: Path, number: int) -> None:
-    """Be the reading end until told to end."""
+    """Be the reading end until its publisher ends."""
     sign_in(folder)
     node = rclpy.create_node(f"catcher{number}")
     reply = node.create_publisher(Image, "reply", QOS) if number == 0 else None

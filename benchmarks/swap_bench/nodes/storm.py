@@ -63,7 +63,7 @@ def strike(folder: str, step: str) -> None:
 
 
 class Source(Node):
-    """Counts; when it is started anew, from 1 in another life."""
+    """Counts; when it is started again, from 1 in another life."""
 
     params: TapeParams
     state: Count
