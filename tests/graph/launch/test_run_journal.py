@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
+from palp_core.graph.launch.observers import MessageObservers
 from palp_core.graph.launch.run_journal import RunJournal, last_set
 from palp_core.graph.messages.builtin import GraphEvent, MethodsUsed, MethodUse, NodeEvent
+from palp_core.graph.messages.frame import Kind, pack
+from palp_core.graph.messages.message import encode
+from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import GRAPH_EVENTS
 
 
@@ -66,3 +71,14 @@ def test_a_method_has_a_begin_and_an_end_and_one_that_is_reported_again_is_there
         ("policy", "policy", "markov", 0.0, None),
         ("estimator", "stop", "b", 7.0, None),
     ]
+
+
+def test_an_observer_gets_messages_and_no_statement_that_a_topic_is_idle() -> None:
+    observers, seen = MessageObservers(), list[Any]()
+    observers.add(GraphEvent, lambda *message: seen.append(message))
+    observers.follow(SimpleNamespace(topics={}, nodes=()))  # type: ignore[arg-type]
+    event = swapped(1.0, "a:A", "b:B")
+    type_hash = schema_of(GraphEvent).type_hash
+    for kind, payload in ((Kind.IDLE, b""), (Kind.DATA, encode(event))):
+        observers(5, pack(GRAPH_EVENTS.encode(), kind, 0, 1, 5, type_hash, payload))
+    assert seen == [(5, GRAPH_EVENTS, event)]
