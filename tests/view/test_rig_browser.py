@@ -69,6 +69,7 @@ THIN = """async () => {
 """What a plot draws of more points than it has columns of pixels."""
 
 
+@pytest.mark.nightly
 def test_the_graph_is_drawn_and_a_topic_plotted_with_every_peak(rig: Viewing) -> None:
     page = rig.go("/")
     page.wait_for_selector("[data-node=safety]")
@@ -161,6 +162,7 @@ def test_a_node_of_a_rig_is_brought_to_rest_only_when_asked_twice(rig: Viewing) 
         page.says("activate: it is active now")
 
 
+@pytest.mark.nightly
 def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing) -> None:
     page, before = rig.page, rig.page.viewport_size
     page.set_viewport_size({"width": 390, "height": 700})
