@@ -12,7 +12,7 @@ from palp_core.palpation.reporting.table import write_csv, write_records
 
 ROOM = Path(palp_core.palpation.__file__).parent
 CASE: dict[str, Any] = {
-    "row": ("<b>bold</b>", "a & b"), "why": "one", "survived": True, "name": "c",
+    "cells": ("<b>bold</b>", "a & b"), "why": "one", "survived": True, "name": "c",
     "fails_somewhere": True, "fails_at_the_rig": False,
 }  # fmt: skip
 
@@ -21,11 +21,11 @@ CASE: dict[str, Any] = {
 def given(tmp_path: Path) -> dict[str, Any]:
     """What a page of one table and one chart names, but for its rows."""
     chart = Chart("one", "Title", "Caption.", 1.0, ("x",), [(1,)], lambda figure: None)
-    return {"head": ["one", "two"], "chart": picture(chart, tmp_path / "charts")}
+    return {"head": ["one", "two"], "pictures": [picture(chart, tmp_path / "charts")]}
 
 
 def test_a_page_needs_no_other_file_and_shows_markup_as_text(tmp_path: Path, given: dict[str, Any]) -> None:
-    page = write_page(tmp_path / "new" / "index.html", "studies/stability.html", **given, cases=[CASE])
+    page = write_page(tmp_path / "new" / "index.html", "studies/stability.html", **given, rows=[CASE])
     text = page.read_text(encoding="utf-8")
     assert "&lt;b&gt;bold&lt;/b&gt;" in text
     assert "a &amp; b" in text
@@ -38,11 +38,11 @@ def test_a_page_needs_no_other_file_and_shows_markup_as_text(tmp_path: Path, giv
 def test_a_value_that_nobody_hands_in_is_an_error_and_leaves_no_page(
     tmp_path: Path, given: dict[str, Any]
 ) -> None:
-    with pytest.raises(jinja2.UndefinedError, match="cases"):
+    with pytest.raises(jinja2.UndefinedError, match="rows"):
         write_page(tmp_path / "index.html", "studies/stability.html", **given)
     less = {name: value for name, value in CASE.items() if name != "why"}
     with pytest.raises(jinja2.UndefinedError, match="why"):
-        write_page(tmp_path / "index.html", "studies/stability.html", **given, cases=[less])
+        write_page(tmp_path / "index.html", "studies/stability.html", **given, rows=[less])
     assert not (tmp_path / "index.html").exists()
 
 
