@@ -143,7 +143,7 @@ def test_the_report_of_a_killed_launcher_is_made_from_what_it_left(
     assert not (moved / "report.html").exists()
     done = palp.here("session", "report", moved)
     assert done.returncode == 0, done.stderr
-    assert "of 375 palpations of training, because: it did not say how it ended." in done.stdout
+    assert "of 375 palpations of training, because: no end was reported." in done.stdout
     assert done.stdout.splitlines()[-1].endswith(f"Report: {moved}/report.html")
     none = palp.here("session", "report", tmp_path)
     assert (none.returncode, f"{tmp_path / 'run.json'}" in none.stderr) == (2, True)

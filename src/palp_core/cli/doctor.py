@@ -72,14 +72,14 @@ Sample = tuple[list[NodeRow], list[EdgeRow], list[ActiveDiagnostic]]
 
 def doctor(
     *,
-    report: Annotated[bool, option("Also what was looked at and found in order.", "--report", "-r")] = False,
+    report: Annotated[bool, option("Also list passed checks.", "--report", "-r")] = False,
     include_warnings: Annotated[
         bool, option("Status 1 for warnings, too.", "--include-warnings", "-iw")
     ] = False,
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """It only looks: a healthy run does not notice. Status 1 if there is an error."""
+    """Read-only. Status 1 if there is an error."""
     records, troubles = _graphs(graph)
     graphs = [
         (RunningGraph(record), f"graph {record.id}, " if len(records) > 1 else "") for record in records

@@ -49,17 +49,17 @@ GraphOption = Annotated[
     ),
 ]
 Level = Literal["debug", "info", "warning", "error", "critical"]
-LevelOption = Annotated[Level | None, option("At least so, with the lines that belong to it.", "--level")]
-JsonOption = Annotated[bool, option("For machines.", "--json")]
+LevelOption = Annotated[Level | None, option("Lowest level shown, with continuation lines.", "--level")]
+JsonOption = Annotated[bool, option("Print JSON.", "--json")]
 HiddenOption = Annotated[
     bool, option("Names that begin with _, too.", "-a", "--include-hidden-topics", "--include-hidden")
 ]
 TimeoutOption = Annotated[
     float, option("Seconds to wait for a node's answer.", "--timeout", metavar="S", min=0.0)
 ]
-RegexOption = Annotated[str | None, option("Topics in which it is found.", "--regex", "-e", metavar="REGEX")]
+RegexOption = Annotated[str | None, option("Only topics that match.", "--regex", "-e", metavar="REGEX")]
 ExcludeRegexOption = Annotated[
-    str | None, option("Not topics in which it is found.", "--exclude-regex", "-x", metavar="REGEX")
+    str | None, option("Leave out topics that match.", "--exclude-regex", "-x", metavar="REGEX")
 ]
 TopicArgument = Annotated[str, argument("As in /estimator/belief.", "TOPIC", complete=completion.topics)]
 TopicsArgument = Annotated[

@@ -37,14 +37,16 @@ TRY = "palp launch rig:sim.yaml trials:=100000 --view"
 def view(
     what: Annotated[Path | None, argument("A bag; default: the running graph.", "[BAG]")] = None,
     *,
-    port: Annotated[int, option("Where, on this host only; 0: any that is free.", min=0, max=65535)] = 0,
+    port: Annotated[int, option("Port on this host; 0: any free port.", min=0, max=65535)] = 0,
     no_browser: Annotated[bool, option("Only print the address.", "--no-browser")] = False,
-    read_only: Annotated[bool, option("Nothing can be pressed.", "--read-only")] = False,
-    operate: Annotated[bool, option("On a real rig let more be pressed than stop.", "--operate")] = False,
+    read_only: Annotated[bool, option("Disable all controls.", "--read-only")] = False,
+    operate: Annotated[
+        bool, option("On a real rig, enable all controls, not only stop.", "--operate")
+    ] = False,
     graph: GraphOption = None,
 ) -> None:
-    """To those who have the address that this prints, on this host. From another one:
-    ssh -L PORT:127.0.0.1:PORT HOST, and there open the same address.
+    """Only this host can connect, with the printed address. From another host, first run
+    ssh -L PORT:127.0.0.1:PORT HOST.
     """
     from palp_core.graph.local_access import new_token
     from palp_core.view.server.serve import address, check_installed, listening_socket

@@ -271,7 +271,7 @@ def test_what_ended_or_never_began_cannot_resume(given: dict[str, Any], words: s
 def test_an_unfinished_run_is_not_replaced_unasked(file: Path) -> None:
     write(file)
     kept = kept_in(file).read_bytes()
-    with pytest.raises(GraphError, match="is of an unfinished run; continue it with --resume, or remove"):
+    with pytest.raises(GraphError, match="is from an unfinished run; continue it with --resume, or remove"):
         write(file)
     assert kept_in(file).read_bytes() == kept
 

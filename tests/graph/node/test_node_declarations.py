@@ -80,7 +80,7 @@ MINE = ("name", "state", "params", "rng", "finish", "on_activate", "_order")
         ({"mind": on_event(Hearing.word)(lambda _, __: None)}, "not declared here"),
         (
             {"look": accept(Hearing.serve)(lambda _, __: None)},
-            "an action 'serve' that handlers are for",
+            "handlers name an action 'serve' that this class does not declare",
         ),
         (twice(), "two handlers"),
         ({"tick": every("speed_hz")(lambda _: None)}, "no parameter 'speed_hz' for its rate; declared: none"),

@@ -170,7 +170,7 @@ def test_a_file_that_was_never_closed_is_to_be_mended_first(bag: Path, tmp_path:
     with Bag(torn) as opened:
         assert opened.files[0].statistics is None
         assert span_ns(opened) == whole
-        with pytest.raises(BagError, match=r"torn\.mcap was never closed; mend it first: palp bag recover"):
+        with pytest.raises(BagError, match=r"torn\.mcap was never closed; repair it first: palp bag recover"):
             playable(opened)
 
 

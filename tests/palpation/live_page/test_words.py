@@ -29,7 +29,7 @@ def test_a_tripped_safety_node_says_why_and_what_to_do() -> None:
 
 def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong() -> None:
     now = safety_status({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
-    assert now.why == "nothing moves, all nodes go on; somebody asked for it: palp view"
+    assert now.why == "nothing moves, all nodes go on; on request: palp view"
     assert "palp safety ack" in now.advice
     other = Trouble("/stage", "error", "it is broken")
     stopped = Trouble("/safety", "error", "tripped: operator: palp view", "palp safety ack")

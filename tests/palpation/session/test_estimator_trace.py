@@ -242,7 +242,7 @@ def test_a_replacement_goes_on_in_the_middle_of_a_sweep_to_the_same_bytes(at: in
 
 def test_who_reads_otherwise_cannot_take_over_and_an_untrained_ring_ends_the_trial() -> None:
     bench = trained()
-    with pytest.raises((NodeError, ValueError), match="training was read otherwise"):
+    with pytest.raises((NodeError, ValueError), match="training used another one"):
         replace(bench, Estimator, reading="feature")
     begin(bench, 501, ring_m=0.010)
     palpate(bench, felt(0.002))

@@ -137,7 +137,7 @@ def test_sessions_of_one_subject_are_one_unit_but_of_one_subject_alone(tmp_path:
         assert group["accuracy"]["value"] == pytest.approx(np.mean(shares))
         assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
         assert group["accuracy_per_depth_mm"].keys() == {"2", "4", "8"}
-    assert group["remarks"] == ["all sessions are of S01: what they say speaks for this subject only"]
+    assert group["remarks"] == ["all sessions are of S01: the results are valid for this subject only"]
 
 
 def test_sessions_with_other_filters_are_groups_of_their_own_and_compared_within_seeds(

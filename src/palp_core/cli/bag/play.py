@@ -49,11 +49,11 @@ def _terminate(*_: object) -> None:
 def play(
     bag: Annotated[Path, argument("A bag's folder or one of its files.")],
     *,
-    rate: Annotated[float, option("Times the recorded speed.", "--rate", "-r", min=0.01, max=1000.0)] = 1.0,
+    rate: Annotated[float, option("Speed factor.", "--rate", "-r", min=0.01, max=1000.0)] = 1.0,
     loop: Annotated[bool, option("Begin again at the end.", "--loop", "-l")] = False,
-    delay: Annotated[float, option("Wait first.", "--delay", "-d", min=0.0, metavar="S")] = 0.0,
-    start_offset: Annotated[float, option("Leave out from the beginning.", min=0.0, metavar="S")] = 0.0,
-    playback_duration: Annotated[float, option("So much of the bag; below 0: all.", metavar="S")] = -1.0,
+    delay: Annotated[float, option("Wait S before the start.", "--delay", "-d", min=0.0, metavar="S")] = 0.0,
+    start_offset: Annotated[float, option("Skip the first S seconds.", min=0.0, metavar="S")] = 0.0,
+    playback_duration: Annotated[float, option("Length to play; below 0: all.", metavar="S")] = -1.0,
     playback_until_sec: Annotated[
         float, option("To this time in the bag; below 0: end.", metavar="S")
     ] = -1.0,
@@ -65,11 +65,11 @@ def play(
         list[str] | None, option("Another name; repeatable.", "--remap", "-m", metavar="OLD:=NEW")
     ] = None,
     wait_matching: Annotated[
-        int, option("Begin when so many topics are read.", "--wait-matching-subscriptions", "-w", min=0)
+        int, option("Start when N topics have readers.", "--wait-matching-subscriptions", "-w", min=0)
     ] = 0,
     disable_keyboard_controls: Annotated[bool, option("Leave the keyboard alone.")] = False,
     graph: GraphOption = None,
-    as_json: Annotated[bool, option("The account at the end, for machines.", "--json")] = False,
+    as_json: Annotated[bool, option("Print the account at the end as JSON.", "--json")] = False,
 ) -> None:
     """Publish a bag's messages in their order and spacing.
 

@@ -106,8 +106,7 @@ def end(
 ) -> None:
     """End a running graph as Ctrl-C does, and wait for its end.
 
-    Every node is brought to its safe state, and what is written at an end is written. Status 1: it has not
-    ended in time, and goes on ending.
+    Brings every node to its safe state and writes pending files. Status 1: still ending after the timeout.
     """
     if name is not None and graph not in (None, name):
         raise typer.BadParameter(f"'{name}' and --graph {graph} name two graphs; name the one that is to end")

@@ -43,7 +43,7 @@ def generate(
 def allow(
     what: Annotated[str, argument("Public key file of a host, or its key, quoted.", "FILE_OR_KEY")],
     *,
-    name: Annotated[str | None, option("To call the host; default: its own name.", metavar="NAME")] = None,
+    name: Annotated[str | None, option("Name for that host; default: its own.", metavar="NAME")] = None,
 ) -> None:
     """Admit the owner of a public key to running graphs."""
     from palp_core.graph.network.keys import KeyFolder

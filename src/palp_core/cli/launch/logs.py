@@ -24,12 +24,12 @@ def logs(
     level: LevelOption = None,
     since: Annotated[
         str | None,
-        option("Not before: 5m ago, the last 14:30, or a date and time.", metavar="TIME"),
+        option("Start time: 5m ago, 14:30, or a date and time.", metavar="TIME"),
     ] = None,
     graph: GraphOption = None,
 ) -> None:
-    """Of the running graph, or of one that is over: the logs of the last 20 runs are kept. With --level and
-    --since each line has time and name; what was printed without a level has none.
+    """Shows the running graph or an ended one; logs of the last 20 runs are kept. With --level or --since
+    each line has time and name; what was printed without a level has none.
     """
     from palp_core.cli.values import since as time_of
     from palp_core.graph.discovery.logs import LineFilter, all_lines

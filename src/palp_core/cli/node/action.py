@@ -145,12 +145,14 @@ def send_goal(
     action: ActionArgument,
     given: Annotated[list[str] | None, argument("Type (optional) and goal.", "TYPE {YAML}")] = None,
     *,
-    feedback: Annotated[bool, option("Show how it goes.", "-f", "--feedback")] = False,
-    deadline: Annotated[float, option("The server cancels it after; 0: never.", metavar="S", min=0.0)] = 0.0,
+    feedback: Annotated[bool, option("Print feedback.", "-f", "--feedback")] = False,
+    deadline: Annotated[
+        float, option("Seconds after which the server cancels the goal; 0: never.", metavar="S", min=0.0)
+    ] = 0.0,
 ) -> None:
     """Send a goal and wait for its result.
 
-    Status 1 unless it succeeds. Ctrl-C cancels it.
+    Status 1 unless the goal succeeds. Ctrl-C cancels it.
     """
     from palp_core.cli.values import type_and_message
     from palp_core.graph.discovery.actions import ActionCaller, find_action

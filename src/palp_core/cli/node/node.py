@@ -159,7 +159,9 @@ def call_service(
     service: ServiceArgument,
     given: Annotated[list[str] | None, argument("Type (optional) and request.", "TYPE {YAML}")] = None,
     *,
-    retries: Annotated[int, option("Ask again so often; the node does it only once.", min=0, max=100)] = 0,
+    retries: Annotated[
+        int, option("Repeat an unanswered request N times; the node runs it once.", min=0, max=100)
+    ] = 0,
 ) -> None:
     """Call a service and print its reply.
 

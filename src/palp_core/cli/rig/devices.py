@@ -95,7 +95,7 @@ def emulate(
     *,
     host: Annotated[str, option("Address of their TCP ports.")] = "127.0.0.1",
     phantoms: Annotated[Path | None, option("YAML file of phantoms by code.")] = None,
-    seed: Annotated[int, option("Of their random numbers.")] = 1,
+    seed: Annotated[int, option("Random seed.")] = 1,
     settings: Annotated[
         str, option("All of RigSettings, in place of the options above.", metavar="JSON")
     ] = "",

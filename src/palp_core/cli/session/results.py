@@ -89,12 +89,16 @@ def report(
 def reanalyse(
     outs: Annotated[list[Path], argument("Sessions' folders, folders of sessions, or bags.", "OUT...")],
     *,
-    denoise: Annotated[str, option("How noise is taken off; names with commas, or all.")] = "soft_universal",
-    feature: Annotated[str, option("What is read off a sweep; as above.")] = "peak",
-    filter: Annotated[str, option("What is known to stay; as above.")] = "naive",
-    likelihood: Annotated[str, option("Of the naive filter; as above.")] = "normal",
+    denoise: Annotated[
+        str, option("How noise is taken off: a comma-separated list, or all.")
+    ] = "soft_universal",
+    feature: Annotated[str, option("What is read off a sweep: a comma-separated list, or all.")] = "peak",
+    filter: Annotated[str, option("What is known to stay: a comma-separated list, or all.")] = "naive",
+    likelihood: Annotated[str, option("Of the naive filter: a comma-separated list, or all.")] = "normal",
     trace_filter: Annotated[str, option("Filter of whole traces instead: second_order.")] = "",
-    stop: Annotated[str | None, option("Stop rule; default: paper_guarded; of traces .99 posterior.")] = None,
+    stop: Annotated[
+        str | None, option("Stop rule; default: paper_guarded; with --trace-filter: posterior 0.99.")
+    ] = None,
     stop_value: Annotated[float, option("The stop rule's number; 0: its default.")] = 0.0,
     depths: Annotated[int, option("Size of the grid of depths; 0: the trained ones.", min=0)] = 0,
     max_probes: Annotated[int, option("Probes after which a trial is undecided.", min=1)] = 15,

@@ -26,7 +26,9 @@ SILENCE_NS = 3_000_000_000
 def echo(
     call: Call,
     topic: TopicArgument,
-    message_type: Annotated[str | None, argument("Of the messages, to be sure.", "TYPE")] = None,
+    message_type: Annotated[
+        str | None, argument("Expected message type; an error if it differs.", "TYPE")
+    ] = None,
     *,
     field: Annotated[str | None, option("One field only, as in posterior[0].", metavar="A.B")] = None,
     as_csv: Annotated[bool, option("A line of comma-separated values each.", "--csv")] = False,
@@ -51,7 +53,7 @@ def echo(
     qos_durability: Annotated[
         Literal["volatile", "transient_local"] | None, option("Default: volatile, nothing from before.")
     ] = None,
-    qos_depth: Annotated[int | None, option("Messages from before that come first.", min=1)] = None,
+    qos_depth: Annotated[int | None, option("Number of earlier messages to show first.", min=1)] = None,
 ) -> None:
     from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.message_text import Truncation, decoded, parse_path, pick

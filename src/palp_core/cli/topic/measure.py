@@ -166,9 +166,9 @@ def hz(
     once: OnceOption = False,
     timeout: LongestOption = 10.0,
 ) -> None:
-    """Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
-    process is too slow to read every message. Each reader's own account follows. A report each second, or a
-    single one with --once or --json.
+    """Rate and periods come from the publisher's sequence numbers and stamps, so they are exact even if this
+    process is slow. Each reader's counts follow. A report each second, or a single one with --once or
+    --json.
     """
     clock = call.graph.record.clock
     once = once or call.as_json

@@ -29,7 +29,7 @@ def pub(
     *,
     stdin: Annotated[bool, option("Messages from standard input, --- between.", "--stdin")] = False,
     rate: Annotated[float, option("Messages per second.", "--rate", "-r", min=0.001, max=10000.0)] = 1.0,
-    print_every: Annotated[int, option("Say every so manyth message; 0: none.", "--print", "-p", min=0)] = 1,
+    print_every: Annotated[int, option("Print every Nth message; 0: none.", "--print", "-p", min=0)] = 1,
     once: Annotated[bool, option("One message, then end.", "--once", "-1")] = False,
     times: Annotated[int, option("This many; 0: until Ctrl-C.", "--times", "-t", min=0)] = 0,
     wait_matching: Annotated[

@@ -491,7 +491,7 @@ class _Resolver:
             node, port = keys.source.split("/")
             return Wire(node, port, stated, keys.on_event)
         if "from" not in items and nearest("from", set(items) - set(fields_of(InputKeys))) is None:
-            text = f"{what} does not say where it comes from; add from: node/port, or external: true"
+            text = f"{what} has no source; add from: node/port, or external: true"
             self._problems.add(entry.mark, text)
         reader.complete = False
         return None

@@ -11,7 +11,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunRecord, present_folder, running
 from palp_core.graph.problems import hint
 
-START_ONE = "start one with: palp launch FILE"
+START_ONE = "start one with: palp launch FILE; if you just started one, wait and try again"
 
 
 class WhichGraph(GraphError):

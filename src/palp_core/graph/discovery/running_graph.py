@@ -159,7 +159,8 @@ class RunningGraph:
         if name.removeprefix("/") == LAUNCHER:  # it publishes and answers as a node does
             return NodeEntry(LAUNCHER, "", self.record.pid, "", self.record.serve)
         known = [f"/{known}" for known in self.node_names]
-        raise GraphError(f"no node '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
+        fix = "; repeat the command for each node" if name == "/**" else hint(_rooted(name), known)
+        raise GraphError(f"no node '{name}' in graph '{self.record.graph}'{fix}")
 
     def topic(self, name: str) -> Topic:
         rooted = _rooted(name)

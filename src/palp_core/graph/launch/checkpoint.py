@@ -120,7 +120,7 @@ def read_checkpoint(path: Path) -> KeptRun:
     try:
         return msgspec.msgpack.decode(body, type=KeptRun)
     except msgspec.MsgspecError as error:
-        raise GraphError(f"{path} is of another version of palp: {in_words(error)}") from error
+        raise GraphError(f"{path} is from another version of palp: {in_words(error)}") from error
 
 
 class Checkpoints:
@@ -160,7 +160,8 @@ class Checkpoints:
         if changed := differences(found.facts, self._facts):
             lines = "".join(f"\n  {text}" for text in changed)
             raise GraphError(
-                f"{path} is of another run than this one would be:{lines}\nresume it as it was, {_ELSEWHERE}"
+                f"{path} is from another run than this one would be:{lines}\n"
+                f"resume it as it was, {_ELSEWHERE}"
             )
         if lost := [run for run in self._runs if source_of(run, self._launched.workspace) is None]:
             raise GraphError(f"{path} cannot be resumed: no source file of {', '.join(lost)} is found")
@@ -192,7 +193,7 @@ class Checkpoints:
             return
         if self.path.exists() and not self._launched.report:
             raise GraphError(
-                f"{self.path} is of an unfinished run; continue it with --resume, or remove the file"
+                f"{self.path} is from an unfinished run; continue it with --resume, or remove the file"
             )
         self._hold()
 

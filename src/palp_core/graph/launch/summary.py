@@ -49,7 +49,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     listens: dict[str, list[str]]
     attached: dict[str, str] = {}
     exit_code: int = -1
-    ended: str = "it did not say how it ended"
+    ended: str = "no end was reported"
     clock_s: float = 0.0
     wall_s: float = 0.0
     activation_count: int | None = 0

@@ -122,7 +122,7 @@ def _mistake_of(frame: bytes, end: int) -> str:
         return f"not a palp frame: {len(frame)} bytes are too few for a header"
     version, kind, _, _, sequence, _, _ = _HEADER.unpack_from(frame, end + 1)
     if version != VERSION:
-        return f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
+        return f"frame of wire version {version}; this process uses {VERSION}: update the older one"
     if kind > _IDLE:
         return f"frame of unknown kind {kind}"
     if kind == _DATA and sequence == 0:

@@ -241,7 +241,7 @@ class CurveCaller:
                 "and give its public key with --server-key"
             )
         if value == _OTHER_MECHANISM:
-            return "has no keys and speaks in the clear; leave out --server-key, or make keys on that host"
+            return "has no keys and does not encrypt; leave out --server-key, or make keys on that host"
         return (
             "hung up during the handshake: --server-key is not its public key (shown there by: palp keys "
             "list), or it has no keys (then leave out --server-key)"

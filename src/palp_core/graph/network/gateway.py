@@ -295,7 +295,7 @@ class Gateway(Relay):
         if protocol == known:
             peer.send(join_protocol.GraphUpdate(view=self._whole()))
         else:
-            text = f"this graph speaks version {known} of joining, not {protocol}: update palp"
+            text = f"this graph uses version {known} of joining, not {protocol}: update palp"
             peer.send(join_protocol.JoinRefused(text=text))
 
     def _on_join(self, peer: Peer, request: join_protocol.JoinRequest) -> None:

@@ -197,7 +197,7 @@ def _refuse_if_exposed(place: Path) -> None:
     if found.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         mode = "700" if place.is_dir() else "600"
         raise SecurityError(
-            f"{place} is open to others (mode {stat.S_IMODE(found.st_mode):03o}); mend it: "
+            f"{place} is open to others (mode {stat.S_IMODE(found.st_mode):03o}); fix it: "
             f"chmod {mode} {shlex.quote(str(place))}"
         )
 

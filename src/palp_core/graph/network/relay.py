@@ -296,7 +296,7 @@ class Relay(ABC):
         node, *envelope = reply.envelope or [b""]
         proxy = self._proxies.get(node.decode(errors="replace"))
         if proxy is None or proxy.peer is not peer or not envelope:
-            raise SchemaMismatch("a reply to no request")
+            raise SchemaMismatch("reply: no open request matches; update palp on both hosts")
         proxy.answer(envelope, reply.body)
 
     def _on_frame(self, peer: Peer, raw: bytes) -> None:
@@ -307,7 +307,7 @@ class Relay(ABC):
         frame = parse(raw)
         proxy = self._proxies.get(_node_of(frame.topic))
         if proxy is None or proxy.peer is not peer or frame.kind == Kind.MOVED:
-            raise SchemaMismatch(f"a frame of {frame.topic}, which is not its own")
+            raise SchemaMismatch(f"frame of {frame.topic}: the peer does not own this topic")
         proxy.publish(raw)
         if frame.topic in peer.feeds and frame.kind == Kind.DATA:
             self._feed(peer.feeds[frame.topic], frame)

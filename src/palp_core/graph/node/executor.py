@@ -204,7 +204,7 @@ class Executor:
             message = subscription.accept(frame, now_ns)
         except SchemaMismatch as error:
             place = f"topic {subscription.topic}, input '{subscription.port}'"
-            self.events.reject(SchemaMismatch(f"{place}: {error}; mend what its publisher sends"))
+            self.events.reject(SchemaMismatch(f"{place}: {error}; fix what its publisher sends"))
             return False
         if message is not None:
             entries = journal.entries  # a call costs more than the entry
@@ -313,7 +313,9 @@ class Executor:
     def fitting(self, hand_over: HandOver, changes: Mapping[str, Any]) -> tuple[State, Params | None]:
         """Return state and parameters as the node would take them over; no parameters: its own stay."""
         if hand_over.version != VERSION:
-            raise SchemaMismatch(f"a hand-over of version {hand_over.version}; this end speaks {VERSION}")
+            raise SchemaMismatch(
+                f"hand-over version {hand_over.version}; this process uses {VERSION}: update the older one"
+            )
         own_class = class_name(type(self.node))
         state = adopt_state(self.declaration.state, own_class, hand_over)
         if hand_over.node_class != own_class:

@@ -259,7 +259,7 @@ def _declare(cls: type[Node]) -> Declaration:
     for name in roles:
         if not isinstance(ports.get(name), Act | ActionClient):
             raise GraphError(
-                f"{where}: an action '{name}' that handlers are for is not declared on this class"
+                f"{where}: handlers name an action '{name}' that this class does not declare; declare it"
             )
     for name, port in list(ports.items()):
         if isinstance(port, Act | ActionClient):

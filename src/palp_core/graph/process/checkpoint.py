@@ -48,5 +48,5 @@ def restore(executor: Executor, data: bytes) -> None:
     try:
         hand_over = decode_any(HandOver, data)
     except (ValueError, TypeError) as error:
-        raise SchemaMismatch(f"the checkpoint is of another version: {in_words(error)}") from error
+        raise SchemaMismatch(f"the checkpoint is from another version: {in_words(error)}") from error
     executor.restore(hand_over)

@@ -40,7 +40,9 @@ def playable(bag: Bag) -> dict[str, Topic]:
     Orders, events and health are the runtime's, and replies to services belong to who asked.
     """
     if torn := [file.path.name for file in bag.files if not file.closed]:
-        raise BagError(f"{bag.path}: {torn[0]} was never closed; mend it first: palp bag recover BAG -o NEW")
+        raise BagError(
+            f"{bag.path}: {torn[0]} was never closed; repair it first: palp bag recover BAG -o NEW"
+        )
     found = {}
     for name, topic in bag.topics().items():
         parts = name.split("/")
@@ -83,14 +85,17 @@ def _player_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> t
     try:
         return type(base.__name__, (base,), body)
     except GraphError as error:
-        raise BagError(f"/{node} cannot be played: {error}") from error
+        raise BagError(f"/{node} cannot be played: {error}; leave its topics out") from error
 
 
 def recorded_class(topic: Topic) -> type[Message]:
     """Return a message class like the one whose messages a topic of a bag has."""
     where = f"{topic.name} cannot be played"
     if "properties" not in topic.json_schema:
-        raise BagError(f"{where}: the bag has no schema of palp's for it; leave the topic out")
+        raise BagError(
+            f"{where}: the bag has no palp schema for it; convert the bag with "
+            "palp bag convert --from ros2 BAG -o NEW, or leave the topic out"
+        )
     try:
         made = message_class(topic.json_schema, topic.type)
     except SchemaMismatch as error:

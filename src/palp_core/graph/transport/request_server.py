@@ -259,7 +259,9 @@ def _read(payload: bytes) -> NodeRequest:
 
 def _checked(envelope: list[bytes]) -> list[bytes]:
     if sum(map(len, envelope)) > LONGEST_ENVELOPE_BYTES:
-        raise GraphError(f"a way back of more than {LONGEST_ENVELOPE_BYTES} bytes is not kept")
+        raise GraphError(
+            f"request: its envelope exceeds {LONGEST_ENVELOPE_BYTES} bytes; call through fewer relays"
+        )
     return envelope
 
 

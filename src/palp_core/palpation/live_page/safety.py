@@ -25,8 +25,8 @@ class SafetyStatus(msgspec.Struct, frozen=True):
 
 MOVING = "moving"
 OPERATOR = "operator"
-"""Cause of a stop that somebody wanted."""
-BY_OPERATOR = "nothing moves, all nodes go on; somebody asked for it"
+"""Cause of a stop on request."""
+BY_OPERATOR = "nothing moves, all nodes go on; on request"
 STOPPED_ON_PURPOSE = "stopped on purpose"
 NO_BEAT = SafetyStatus("no heartbeat of safety yet", "unknown")
 OVER = SafetyStatus("over", "unknown", "the graph has ended; no safety node watches the rig any more")

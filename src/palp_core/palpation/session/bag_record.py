@@ -295,7 +295,7 @@ def _roles(launch: RunSummary, path: Path) -> Roles:
     except NoSession as error:
         raise PalpError(
             f"{path}: not a session: graph '{launch.graph}' has no palpations and no methods "
-            f"({error.why}); what the bag holds says palp bag info {path}"
+            f"({error.why}); list its content with palp bag info {path}"
         ) from error
     except PalpError as error:
         raise PalpError(f"{path}: not a bag of a session: {error}") from error

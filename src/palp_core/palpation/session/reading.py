@@ -137,7 +137,7 @@ class FeatureReading:
     def require(self, memory: ReadingMemory) -> None:
         """Refuse training that was read otherwise."""
         if memory.training and self.follows != any(sweep.bins_n_m for sweep in memory.training):
-            raise PerceptionError("training was read otherwise (reading: feature or trace); keep its reading")
+            raise PerceptionError("reading: training used another one (feature or trace); use that one")
 
     def begin(self, memory: ReadingMemory, enter_ns: int, leave_ns: int) -> None:
         """Begin a sweep over the path between two times."""

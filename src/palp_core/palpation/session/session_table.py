@@ -189,5 +189,5 @@ def _row(where: str, columns: Sequence[str], cells: Sequence[str], form: TableFo
         counts = f" ({len(cells)} cells under {len(columns)} columns)" if len(cells) != len(columns) else ""
         raise PalpError(
             f"{where}: the row is damaged{counts}: {error}; "
-            "mend or remove this line, and every other row can be read"
+            "fix or remove this line, and every other row can be read"
         ) from error

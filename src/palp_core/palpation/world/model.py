@@ -79,8 +79,8 @@ class WorldModel:
     bead_along_mounting_sd_m: float = _quantity(
         "m", 5e-3, "assumed: a phantom set down against a stop", latent=True
     )
-    bead_beside_specimen_sd_m: float = _quantity("m", 5e-3, "assumed, as along", latent=True)
-    bead_beside_mounting_sd_m: float = _quantity("m", 5e-3, "assumed, as along", latent=True)
+    bead_beside_specimen_sd_m: float = _quantity("m", 5e-3, "assumed, as for `along`", latent=True)
+    bead_beside_mounting_sd_m: float = _quantity("m", 5e-3, "assumed, as for `along`", latent=True)
     modulus_batch_sd: float = _quantity(
         "1", 0.2, "assumed: two parts weighed to a percent, cured for a day", latent=True
     )

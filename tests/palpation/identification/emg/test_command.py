@@ -217,9 +217,9 @@ def test_a_unit_that_the_numbers_contradict_is_refused_until_the_user_states_it(
     files = [write(tmp_path / name, one, factor, unit) for name, one in (("t.npz", trial), ("m.npz", mvc))]
     true = {1.0: "V", 1e6: "uV"}[factor]
     asked = ("analyse", files[0], "--fs", 1500, "--mvc", files[1], "--json")
-    with pytest.raises(PalpError, match=rf"t\.npz: says {unit}, but .* --unit"):
+    with pytest.raises(PalpError, match=rf"t\.npz: unit is {unit}, but .* --unit"):
         run(*asked)
-    with pytest.raises(PalpError, match=r"t\.npz: says .* --unit"):
+    with pytest.raises(PalpError, match=r"t\.npz: unit is .* --unit"):
         run("import", files[0], "--fs", 1500, "--dry-run")
     found = json.loads(run(*asked, "--unit", true).stdout)
     expected = analyse(trial, mvc, EmgSettings(rate_hz=1500.0))

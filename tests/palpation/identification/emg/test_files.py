@@ -509,7 +509,10 @@ def test_an_archive_of_arrays(
             npz(fds=FDS, edc=EDC, frame_rate=100.0),
             "sampling rate; key 'frame_rate' is 100.0; state it with --fs",
         ),
-        (npz(fds=FDS, edc=EDC, fs=1000.0, srate=2000.0), "key 'fs' says 1000 Hz, key 'srate' says 2000 Hz"),
+        (
+            npz(fds=FDS, edc=EDC, fs=1000.0, srate=2000.0),
+            "rates differ: key 'fs' 1000 Hz, key 'srate' 2000 Hz",
+        ),
         (npz(fds=FDS, edc=EDC, time_s=TIMES_S, fs=2000.0), "gives 1000 Hz, but key 'fs' 2000 Hz"),
         (npz(emg=np.zeros((9, 9)), fs=1000.0), "'emg' is square"),
         (npz(fds=FDS, edc=EDC[:-1], fs=1000.0), "have 400 and 399 samples"),

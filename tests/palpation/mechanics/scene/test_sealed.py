@@ -69,7 +69,7 @@ def test_the_place_of_a_phantom_among_the_codes_does_not_follow_a_seed(tmp_path:
 
 
 def test_what_cannot_be_blinded_and_what_is_damaged_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MechanicsError, match="no two of one depth"):
+    with pytest.raises(MechanicsError, match="each at another depth"):
         seal(tmp_path / "key", {"A": PHANTOMS["A"], "B": PHANTOMS["A"]})
     with pytest.raises(MechanicsError, match="a bead"):
         seal(tmp_path / "key", {"A": PHANTOMS["A"], "bare": Phantom()})

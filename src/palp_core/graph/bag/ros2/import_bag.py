@@ -137,7 +137,7 @@ def _define(found: Definitions, known: Definitions, connection: Any) -> None:
     else:
         raise BagError(f"the bag does not define {name}, and it is not one of ROS 2's own types")
     if name not in found:
-        raise BagError(f"the bag's definition of {name} is of another type")
+        raise BagError(f"the bag's definition of {name} defines another type")
 
 
 def _idl_types(text: str) -> dict[str, Any]:

@@ -53,7 +53,10 @@ class LinkGuard:
             started = False
         if not started:
             self.release()
-            raise DeviceError(f"{name}: the guard of its link does not start; motion would have no dead-man")
+            raise DeviceError(
+                f"{name}: the guard of its link did not start, so no motion is permitted; "
+                "check permissions and memory"
+            )
         self._channel.setblocking(False)
 
     @property

@@ -68,7 +68,8 @@ class MaestroLink:
     def _refuse_talker(self, end_s: float) -> None:
         if time.monotonic() > end_s:
             raise DeviceTimeout(
-                f"maestro: {self._link.url} talks without being asked; is it another device's port?"
+                f"maestro: {self._link.url} sends data unrequested; "
+                "check that it is not another device's port"
             )
 
     def close(self) -> None:

@@ -109,7 +109,7 @@ class LinkCheck:
             self._contradictions[direction] = (
                 f"the own link reads {direction} = {at_m * 1e3:.2f} mm on axis {report.axis}, the stage"
                 f" reports {min(ends_m) * 1e3:.2f} to {max(ends_m) * 1e3:.2f} mm: the link leads to another"
-                " controller; mend stop_link"
+                " controller; fix stop_link"
             )
             return
         self._contradictions.pop(direction, None)

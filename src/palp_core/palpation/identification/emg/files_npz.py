@@ -31,7 +31,9 @@ def read_npz(path: Path) -> EmgFile:
         if _RATE.fullmatch(key) and array.size == 1 and array.dtype.kind in "iuf" and array.item() > 0:
             rates[f"key '{name}'"] = float(array.item())
     if len(rates) > 1 and max(rates.values()) / min(rates.values()) > 1.01:
-        raise PalpError(f"{path}: {', '.join(f'{k} says {v:g} Hz' for k, v in rates.items())}; keep one")
+        raise PalpError(
+            f"{path}: rates differ: {', '.join(f'{k} {v:g} Hz' for k, v in rates.items())}; keep one"
+        )
     rate_from, rate_hz = next(iter(rates.items()), ("the file", None))
     columns = []
     for name, array in arrays.items():

@@ -394,4 +394,4 @@ def _check_voltages(file: EmgFile, columns: Sequence[Column]) -> None:
         wrong = f"a spread of {spread_v * 1e6:.3g} uV is less than an electrode's noise"
     if wrong:
         units = ", ".join(dict.fromkeys(one.unit for one in columns))
-        raise PalpError(f"{file.path}: says {units}, but {wrong}; state the true unit with --unit")
+        raise PalpError(f"{file.path}: unit is {units}, but {wrong}; state the true unit with --unit")

@@ -25,7 +25,7 @@ SHOWN_NS = 30_000_000_000
 """For so long what comes after an acknowledgement is shown; until the next stop, or until it has come."""
 READ_NS = 8_000_000_000
 """So long it is shown in any case: one has to read it."""
-QUESTION = "The cause is gone, and nobody's hand is at the rig? It may move then."
+QUESTION = "Is the cause gone, and are all hands off the rig? It may move then."
 REASON = "palp view"
 NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone; the page Graph ends it"
 

@@ -33,8 +33,8 @@ def require_sealable(phantoms: Mapping[str, Phantom]) -> None:
     beads = [one.bead.depth_m for one in phantoms.values() if one.bead is not None]
     if len(set(beads)) < len(phantoms) or len(beads) < 2:
         raise MechanicsError(
-            "a blinded session needs phantoms with a bead, two at least, and no two of one depth: every code "
-            "is a class of its own"
+            "phantoms: a blinded session needs two or more, all with a bead, each at another depth; "
+            "correct the phantoms file"
         )
 
 

@@ -77,7 +77,7 @@ class EmgChain:
             )
         sections = _band_pass(self.order, self.low_hz, self.high_hz, self.rate_hz)
         if state.band.size != 2 * len(sections) or state.squares.size != self.window_samples - 1:
-            raise PerceptionError("EMG state is of a chain with another order or window; start afresh")
+            raise PerceptionError("EMG state is from a chain with another order or window; use a new state")
         if block.size == 0:
             return state, block
         delays = state.band.reshape(len(sections), 2)

@@ -55,7 +55,7 @@ class CoContractionStream:
         if samples.ndim != 2 or len(samples) != len(self.chains):
             raise PerceptionError(f"EMG block has shape {samples.shape}, not ({len(self.chains)}, samples)")
         if len(state.band) != len(self.chains) or len(state.squares) != len(self.chains):
-            raise PerceptionError("EMG state is of a stream with other muscles; start afresh")
+            raise PerceptionError("EMG state is from a stream with other muscles; use a new state")
         steps = [
             chain.step(EnvelopeState(np.array(band), np.array(squares)), block)
             for chain, band, squares, block in zip(

@@ -58,7 +58,7 @@ def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
 def ending(text: str) -> str:
     """Return how a trial was ended by what the operator typed."""
     if text not in ("", AGAIN):
-        raise PalpError(f"Enter alone ends the trial; '{AGAIN}' says that it was spoilt")
+        raise PalpError(f"press Enter to end the trial, or type '{AGAIN}' to mark it spoilt")
     return "repeat" if text else "subject"
 
 

@@ -45,7 +45,7 @@ def pool(entries: Sequence[SessionEntry], *, unfinished: bool = False) -> dict[s
         "sessions": [_listed(entry) for entry in entries],
         "left_out": left_out,
         "interval": "95 %: bootstrap over subjects, or over sessions where none is named; of one alone "
-        "Wilson's, which speaks for it only",
+        "Wilson's, which is valid for it only",
         "groups": [_group(design, members) for design, members in groups.items()],
         "differences": _differences(groups),
     }
@@ -111,7 +111,7 @@ def _remarks(members: Sequence[SessionEntry], unit: str, units: Units) -> list[s
     if differ:
         found.append(f"not all were run alike: {', '.join(differ)}")
     if len(subjects) == 1 and subjects != {NONE}:
-        found.append(f"all sessions are of {subjects.pop()}: what they say speaks for this subject only")
+        found.append(f"all sessions are of {subjects.pop()}: the results are valid for this subject only")
     if len(sizes) > 1:
         found.append(f"{unit}s have {min(sizes)} to {max(sizes)} trials each, and every {unit} counts alike")
     return found
