@@ -1,6 +1,9 @@
 """Draw every ring position with equal probability, whatever was felt: the control for the human strategy."""
 
 from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
 
 from nodes.policy import PolicyNode, PolicyParams, RingMillimetres
 from palp_core.palpation.perception.strategy import figure5, policies
@@ -9,7 +12,9 @@ from palp_core.palpation.perception.strategy import figure5, policies
 class UniformParams(PolicyParams):
     """Set in the launch file; positions in mm."""
 
-    rings_mm: tuple[RingMillimetres, ...] = tuple(round(ring_m * 1e3, 6) for ring_m in figure5.RINGS_M)
+    rings_mm: Annotated[tuple[RingMillimetres, ...], msgspec.Meta(min_length=1)] = tuple(
+        round(ring_m * 1e3, 6) for ring_m in figure5.RINGS_M
+    )
 
 
 class Uniform(PolicyNode):

@@ -244,7 +244,8 @@ class RigStage(Stage):
     def _measure_interval(self) -> None:
         """Replace the predicted times over the phantom by those at which the stage was there."""
         state, now_ns = self.state, self.now_ns()
-        times_ns = np.arange(max(0, state.enter_ns - 500_000_000), now_ns, 1_000_000, dtype=np.int64)
+        since_ns = max(0, state.enter_ns - 500_000_000)
+        times_ns = np.append(np.arange(since_ns, now_ns, 1_000_000, dtype=np.int64), now_ns)  # seen beyond it
         y_m = self.device.read(times_ns, self.memory).y_m
         state.enter_ns, state.leave_ns = (
             crossing_ns(times_ns, y_m, place_m) for place_m in (state.from_m, state.to_m)
