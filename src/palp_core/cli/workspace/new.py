@@ -152,7 +152,7 @@ def _write(module: str, test: str, template: str, new: Named, kind: str = "") ->
     own_rig = (workspace / "nodes" / "policy.py").is_file()
     values = {
         "NAME": new.module, "CLASS": new.class_name, "RIG": "" if own_rig else "palp_core.workspace.",
-        "KIND": kind,
+        "KIND": kind, "CONTRACT": f"{kind.capitalize()}Contract",
     }  # fmt: skip
     templates = {
         Path(module): f"{template}.py",
