@@ -189,6 +189,31 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
         {},
         "the time column 0 'column0', in seconds as it states no unit,",
     ),
+    "headings that begin with a digit, a form feed": (
+        "page\f1\n" + table(TIMES_S, *EMG, heading="time_s,1 FDS,2 EDC"),
+        {},
+        TIME,
+    ),
+    "a muscle whose name speaks of time": (
+        table(TIMES_S, *EMG, heading="time_s,FDS real-time,EDC real-time"),
+        {"fds": "1", "edc": "2"},
+        TIME,
+    ),
+    "minutes": (
+        table(TIMES_S / 60.0, *EMG, heading="Time (min),fds,edc", form=".12g"),
+        {},
+        "the time column 0 'Time' [min]",
+    ),
+    "stamps that are too coarse for a rate": (
+        table(np.floor(TIMES_S * 10.0) / 10.0, *EMG),
+        {"fs": 1000.0},
+        "--fs",
+    ),
+    "UTF-8 read as Latin-1 in a suffix": (
+        table(TIMES_S, *1e6 * EMG, heading="time_s,FDS_\u00c2\u00b5V,EDC_\u00ce\u00bcV"),
+        {},
+        TIME,
+    ),
     "a line for each channel": (
         UCI + table(*1e3 * EMG, 90.0 + EMG[0], heading="", delimiter=TAB) + "\t\t\n",
         {"fs": 1000.0, "fds": "Recto Femoral", "edc": "1"},
@@ -317,9 +342,13 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "a row of another length": (
         "fds,edc\n" + "1,2\n" * 10 + "3\n" + "1,2\n" * 10,
         {},
-        "line 12: not a row of 2 numbers",
+        "line 12: not a row of 2 numbers, it has 1 cell",
     ),
-    "a word in a row": ("fds,edc\n" + "1,2\n" * 10 + "1,rest\n" + "1,2\n" * 10, {}, "line 12: not a row"),
+    "a word in a row": (
+        "fds,edc\n" + "1,2\n" * 10 + "1,rest\n" + "1,2\n" * 10,
+        {},
+        "line 12: not a row of 2 numbers, 'rest'",
+    ),
     "a day that is none": (
         table(["2024-13-40 12:00:00"] * N, *EMG),
         {},
@@ -334,6 +363,36 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
         table(TIMES_S, EMG[0], [*["0.1"] * (N - 1), "-1e300"]),
         {},
         r"line 401: column 2 'edc' holds -1e\+300; no EMG is as large",
+    ),
+    "thousands with a point": (
+        table(["987", "1.234"] * (N // 2), EMG[0], heading="fds;edc", delimiter=";"),
+        {"fs": 1000.0},
+        r"column 0: is '1\.234' a number of thousands",
+    ),
+    "thousands with a comma": (
+        table(["987", "1,234"] * (N // 2), ["0,5"] * N, heading="fds;edc", delimiter=";"),
+        {"fs": 1000.0},
+        "column 0: is '1,234' a number of thousands",
+    ),
+    "stamps to the second": (
+        table([f"12:00:{i // 200:02}" for i in range(N)], *EMG),
+        {},
+        "'time_s' .* is rounded too much: its rate may be 100% off; state it with --fs",
+    ),
+    "a last column of which every cell is missing": (
+        "# Labels:= time_s, fds, edc\n# end\n" + table(TIMES_S, EMG[0], [""] * N, heading=""),
+        {},
+        "column 2 'edc' has no finite number",
+    ),
+    "bad first rows": (
+        "time_s,fds,edc\n" + table(TIMES_S, *EMG, heading="OL,OL,OL"),
+        {},
+        "cannot find the column of the flexor",
+    ),
+    "UTF-16 without its mark": (
+        table(TIMES_S, *EMG).encode("utf-16-le").decode(),
+        {},
+        "UTF-16 without its mark",
     ),
     "a unit and none": (
         table(TIMES_S, *EMG, heading="time_s,FDS (mV),EDC"),
@@ -364,6 +423,12 @@ def test_what_a_table_does_not_say_is_asked_for(tmp_path: Path, name: str) -> No
         (table(TIMES_S, *EMG)[:-30], N - 1, "line 401 is left out"),
         (table(TIMES_S, *EMG) + "\0" * 512, N, "512 NUL characters at the end left out"),
         (
+            table(TIMES_S, *EMG, heading="OL,OL,OL\ntime_s,fds,edc"),
+            N,
+            "line 1 does not name 3 columns; not used: 'OL,OL,OL'",
+        ),
+        (table(TIMES_S, *EMG)[:-1], N, "the last line has no end; it may be cut"),
+        (
             table(TIMES_S, EMG[0], heading="biceps"),
             N,
             "line 1 does not name 2 columns; not used: 'biceps'",
@@ -374,7 +439,7 @@ def test_what_a_table_does_not_say_is_asked_for(tmp_path: Path, name: str) -> No
 def test_what_is_left_out_of_a_table_is_noted(tmp_path: Path, text: str, kept: int, words: str) -> None:
     path = tmp_path / "a.csv"
     path.write_text(text, encoding="utf-8")
-    found = read(path)
+    found = read(path) if "fds" in text else read(path, fds="1", edc="none")
     assert found.samples.shape[1] == kept
     assert found.samples[0] == pytest.approx(EMG[0, :kept], abs=1e-8)
     assert any(words in note for note in found.notes), found.notes
@@ -491,6 +556,11 @@ RECORDS["fds"], RECORDS["edc"] = EMG
         (npz(emg=EMG, note="x", fs=1000.0), {"fds": "0", "edc": "1"}, "key 'fs'"),
         (npz(emg=EMG.T, sample_rate=1000.0), {"fds": "emg[0]", "edc": "emg[1]"}, "key 'sample_rate'"),
         (npz(rec=RECORDS, srate=1000.0), {}, "key 'srate'"),
+        (
+            npz(when=np.arange(N).astype("timedelta64[ms]"), fds=FDS, edc=EDC, x=np.array(["a"] * N)),
+            {},
+            "the time column 0 'when' [s]",
+        ),
     ],
 )
 def test_an_archive_of_arrays(
@@ -513,6 +583,8 @@ def test_an_archive_of_arrays(
             npz(fds=FDS, edc=EDC, fs=1000.0, srate=2000.0),
             "rates differ: key 'fs' 1000 Hz, key 'srate' 2000 Hz",
         ),
+        (npz(fds=FDS, edc=EDC, fs=np.inf), "key 'fs' is inf; state it with --fs"),
+        (npz(fds=FDS, fs=1000.0), "cannot find the column of the extensor"),
         (npz(fds=FDS, edc=EDC, time_s=TIMES_S, fs=2000.0), "gives 1000 Hz, but key 'fs' 2000 Hz"),
         (npz(emg=np.zeros((9, 9)), fs=1000.0), "'emg' is square"),
         (npz(fds=FDS, edc=EDC[:-1], fs=1000.0), "have 400 and 399 samples"),

@@ -57,7 +57,7 @@ class EmgFile:
 VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "nV": 1e-9}
 """Units of voltage, and a volt's share of each."""
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 """Units of time in seconds."""
 
 LARGEST_BYTES = 2 << 30
@@ -158,7 +158,7 @@ def split_unit(heading: str) -> tuple[str, str]:
         found = re.fullmatch(apart, heading)
         if found and is_unit(found[2]):
             return found[1].strip() or heading, plain_unit(found[2])
-    suffix = re.search(r"_([nu\u00b5\u03bcm]?[vs])$", heading, re.IGNORECASE)
+    suffix = re.search(r"_((?:[nu\u00b5\u03bcm]|\u00c2\u00b5|\u00ce\u00bc)?[vs])$", heading, re.IGNORECASE)
     voltage = suffix and suffix[1][-1] in "vV"
     if suffix and (voltage or is_time(heading)):
         return heading, plain_unit(suffix[1])

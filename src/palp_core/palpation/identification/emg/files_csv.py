@@ -1,6 +1,7 @@
 """Tables of text: any usual delimiter, quotes, decimal comma, dates, heading lines, a row of units."""
 
 import csv
+import io
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -36,6 +37,7 @@ _CHANNEL = re.compile(
     re.I,
 )
 _UNIT = re.compile(r"\bunits?\s*[:=]\s*([^,;\s]+)", re.IGNORECASE)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 _PROBE = 5  # lines that must be numbers, to be the begin of the table
 _PREAMBLE = 200  # lines among which it begins
 _FOOTER = 10  # lines that may follow it
@@ -110,11 +112,16 @@ def _lines(path: Path) -> tuple[list[_Line], list[str]]:
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError:
-            text = data.decode("latin-1")  # what older programs on Windows write, near enough for headings
+            text = data.decode("cp1252", errors="replace")  # what older programs on Windows write
     whole = text.rstrip("\0")
     left_out = len(text) - len(whole)
     notes = [f"{counted(left_out, 'NUL character')} at the end left out"] if left_out else []
-    return [(i, line) for i, line in enumerate(whole.splitlines(), 1) if line.strip()], notes
+    if "\0" in whole[:_SHOWN]:
+        raise PalpError(f"{path}: UTF-16 without its mark, UTF-32, or no text; save it as UTF-8")
+    if whole[-1:] not in ("", "\n", "\r"):
+        notes.append("the last line has no end; it may be cut")
+    lines = io.StringIO(whole, newline=None)  # a form feed ends no line
+    return [(i, line.rstrip("\n")) for i, line in enumerate(lines, 1) if line.strip()], notes
 
 
 def _clock() -> _Parser:
@@ -189,10 +196,21 @@ def _read(path: Path, lines: Sequence[_Line], begin: int, dialect: _Dialect, not
     rows = [_row(cells, parsers) for _, cells in body]
     end = max(i for i, row in enumerate(rows) if row is not None) + 1
     if None in rows[:end] or len(rows) - end > _FOOTER:
-        number, _ = body[rows.index(None)]
+        number, cells = body[rows.index(None)]
+        wrong = [cell for cell, parse in zip(cells, parsers, strict=False) if _row([cell], [parse]) is None]
+        has = f"'{wrong[0]}' is none" if wrong else f"it has {counted(len(cells), 'cell')}"
         raise PalpError(
-            f"{path}: line {number}: not a row of {counted(len(parsers), 'number')}; correct or remove it"
+            f"{path}: line {number}: not a row of {counted(len(parsers), 'number')}, {has}; "
+            "correct or remove it"
         )
+    for place, column in enumerate(zip(*(cells for _, cells in body[:end]), strict=True)):
+        signed = [cell for cell in column if "." in cell or "," in cell]
+        whole = any(cell.lstrip("+-").isdecimal() for cell in column)
+        if signed and whole and all(map(_THOUSANDS.fullmatch, signed)):
+            raise PalpError(
+                f"{path}: column {place}: is '{signed[0]}' a number of thousands? Write all numbers "
+                "without a sign between thousands, or with as many decimals"
+            )
     table = np.array(rows[:end], dtype=np.float64)
     notes = [
         f"delimiter {_DELIMITERS[dialect.delimiter]}{', decimal comma' if dialect.decimal_comma else ''}; "
@@ -201,11 +219,10 @@ def _read(path: Path, lines: Sequence[_Line], begin: int, dialect: _Dialect, not
     ]
     for number, _ in body[end:]:
         notes.append(f"line {number} is left out, it is no row of the table: {_quoted(dict(lines)[number])}")
-    if table.shape[1] > 1 and dialect.delimiter != " " and np.isnan(table[:, -1]).all():
-        heading = dialect.cells(lines[begin - 1][1]) if begin else []
-        if len(heading) < table.shape[1] or not heading[-1]:  # every line ends with a delimiter
-            table = table[:, :-1]
     names, units, more = _heading(lines[:begin], dialect, table.shape[1])
+    if len(names) > 1 and not names[-1] and not any(cells[-1] for _, cells in body[:end]):
+        table = table[:, :-1]  # every line ends with a delimiter
+        names, units, more = _heading(lines[:begin], dialect, table.shape[1])
     columns = []
     for place, samples in enumerate(table.T):
         name, unit = split_unit(names[place] or f"column{place}")
@@ -227,6 +244,8 @@ def _heading(lines: Sequence[_Line], dialect: _Dialect, width: int) -> tuple[lis
     lines as ``# Labels:= FDS, EDC`` and ``# units: mV``.
     """
     names, units, notes = [""] * width, [""] * width, list[str]()
+    unused: list[_Line] = []
+    heading: _Line | None = None
     channels = [found for _, line in lines if (found := _CHANNEL.fullmatch(line))]
     if len(channels) == width:
         rests = [_UNIT.search(one["rest"]) for one in channels]
@@ -238,13 +257,24 @@ def _heading(lines: Sequence[_Line], dialect: _Dialect, width: int) -> tuple[lis
             cells.pop()
         if len(cells) in (1, width) and all(is_unit(cell) or not cell.strip("()[]") for cell in cells):
             units = [plain_unit(cells[place % len(cells)]) for place in range(width)]
-        elif len(cells) == width and not any(cell[:1] in "+-.0123456789" for cell in cells if cell):
-            names = cells
-        elif number == lines[-1][0]:
-            notes.append(f"line {number} does not name {counted(width, 'column')}; not used: {_quoted(line)}")
+        elif len(cells) == width and not any(_is_number(cell, dialect) for cell in cells):
+            unused += [heading] if heading and width > 1 else []
+            names, heading = cells, (number, line)
+        elif number == lines[-1][0] or len(cells) == width > 1:
+            unused.append((number, line))
+    for number, line in unused:
+        notes.append(f"line {number} does not name {counted(width, 'column')}; not used: {_quoted(line)}")
     if width > 1 and len(set(units)) == 1:  # one unit for all is not that of time
         units = ["" if is_time(name) else unit for name, unit in zip(names, units, strict=True)]
     return names, units, notes
+
+
+def _is_number(cell: str, dialect: _Dialect) -> bool:
+    """Return whether a cell is a number, perhaps with its unit, or a date."""
+    number, _, unit = cell.partition(" ")
+    if cell.lower() in _MISSING or (unit and not is_unit(unit)):
+        return bool(cell and _CLOCK.fullmatch(cell))
+    return _row([number], _parsers([[number]], dialect)) is not None
 
 
 def _quoted(line: str) -> str:

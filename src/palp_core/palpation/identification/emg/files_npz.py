@@ -28,19 +28,30 @@ def read_npz(path: Path) -> EmgFile:
     rates = {}
     for name, array in arrays.items():
         key = re.sub(r"[_ ]?\(?hz\)?$", "", name, flags=re.IGNORECASE)
-        if _RATE.fullmatch(key) and array.size == 1 and array.dtype.kind in "iuf" and array.item() > 0:
+        if (
+            _RATE.fullmatch(key)
+            and array.size == 1
+            and array.dtype.kind in "iuf"
+            and 0 < array.item() < np.inf
+        ):
             rates[f"key '{name}'"] = float(array.item())
     if len(rates) > 1 and max(rates.values()) / min(rates.values()) > 1.01:
         raise PalpError(
             f"{path}: rates differ: {', '.join(f'{k} {v:g} Hz' for k, v in rates.items())}; keep one"
         )
     rate_from, rate_hz = next(iter(rates.items()), ("the file", None))
-    columns = []
+    columns, notes = [], []
     for name, array in arrays.items():
         fields = {f"{name}.{one}": array[one] for one in array.dtype.names or ()} or {name: array}
         for key, values in fields.items():
             values = np.squeeze(values)
-            if values.dtype.kind not in "iufb" or values.size < _LEAST or values.ndim > 2:
+            heading, unit = split_unit(key)
+            if values.dtype.kind in "mM" and values.ndim == 1:  # NumPy's own times
+                values, unit = (values - values[0]) / np.timedelta64(1, "s"), "s"
+            if values.size < _LEAST:
+                continue
+            if values.dtype.kind not in "iufb" or values.ndim > 2:
+                notes.append(f"key '{key}' is left out: {values.dtype} of shape {values.shape}")
                 continue
             if values.ndim == 2 and len(set(values.shape)) == 1:
                 raise PalpError(f"{path}: '{key}' is square; write each channel as an array of its own")
@@ -48,8 +59,9 @@ def read_npz(path: Path) -> EmgFile:
                 [values] if values.ndim == 1 else list(values if len(values) < values.shape[1] else values.T)
             )
             for place, row in enumerate(rows):
-                heading, unit = split_unit(key)
                 label = f"{heading}[{place}]" if values.ndim == 2 else heading
                 columns.append(Column(label, row.astype(np.float64), unit, rate_hz))
-    hints = [f"key '{one}' is {arrays[one]}" for one in arrays if arrays[one].size == 1 and _HINT.search(one)]
-    return EmgFile(path, "NPZ", tuple(columns), rate_from=rate_from, hints=tuple(hints))
+    hints = [
+        f"key '{one}' is {arrays[one]}" for one in arrays if arrays[one].size < _LEAST and _HINT.search(one)
+    ]
+    return EmgFile(path, "NPZ", tuple(columns), notes=tuple(notes), rate_from=rate_from, hints=tuple(hints))

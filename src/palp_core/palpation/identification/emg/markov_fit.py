@@ -115,6 +115,9 @@ def fit(
             found = run_folder(source.path, mvc, options, settings, report)
         else:
             found = [{"error": None, **trial_record(run_trial(source.path, mvc, options, settings))}]
+        for one in found:
+            for line in one.get("notes", ()):
+                report(f"{one['file']}: {line}")
         stated = {} if source.depth_m is None else {"depth_m": source.depth_m}
         records += [{"depth_m": _named_depth_m(one), **one, **stated} for one in found]
     good = [one for one in records if not one["error"]]

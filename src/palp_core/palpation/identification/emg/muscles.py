@@ -110,8 +110,7 @@ def choose_muscles(file: EmgFile, options: ImportOptions) -> Muscles:
     """Return the muscles of a file that was read.
 
     A column is chosen by index or by a name that only one has; without a choice it is the one whose name says
-    flexor (extensor), or the only signal. The rate is that of the time column, else of a field of the format,
-    else the user's.
+    flexor (extensor). The rate is that of the time column, else of a field of the format, else the user's.
 
     Raises:
         PalpError: The muscles, the rate or the unit is not stated, or stated twice with different values; a
@@ -119,7 +118,7 @@ def choose_muscles(file: EmgFile, options: ImportOptions) -> Muscles:
     """
     indices, columns_from = _choose(file, options)
     columns = [_finite(file, index) for index in indices]
-    clocks = [_clock(file, index) for index in indices]
+    clocks = [_clock(file, index, indices) for index in indices]
     rate_hz, rate_from = _rate(file, columns, clocks, options.fs_hz)
     factors, unit, unit_from, notes = _unit(file, columns, options.unit)
     if len(indices) == 1:
@@ -165,9 +164,6 @@ def _choose(file: EmgFile, options: ImportOptions) -> tuple[tuple[int, ...], str
     words = (options.fds, None if alone else options.edc)
     chosen = [_index(file, word, f"--{name}") for word, name in zip(words, MUSCLES, strict=True)]
     how = ["chosen" if one is not None else "by name" for one in chosen]
-    only = {*signals, *(one for one in chosen if one is not None)}
-    if len(only) == 1 and (alone or options.edc is None):
-        chosen, alone, how = [*only, None], True, ["the only signal", ""]
     for muscle in (0,) if alone else (0, 1):
         fits = [i for i in signals if _PATTERNS[muscle].search(file.columns[i].name)]
         if chosen[muscle] is None and len(fits) == 1:
@@ -179,7 +175,7 @@ def _choose(file: EmgFile, options: ImportOptions) -> tuple[tuple[int, ...], str
             f"{_twice(file)}; give --fds and --edc an index (--edc none: one muscle) of {_listed(file)}"
         )
     for index in found:
-        if index in times:
+        if file.columns[index].unit in SECONDS:
             raise PalpError(
                 f"{file.path}: column {file.label(index)} is a time; choose one of {_listed(file)}"
             )
@@ -262,14 +258,22 @@ class _Clock:
     unit_s: float | None
     counts: bool
 
+    @property
+    def silent(self) -> str:
+        """Why the time may say nothing of the rate."""
+        if self.timing.doubt > RATES_ALIKE:
+            return f"is rounded too much: its rate may be {self.timing.doubt:.0%} off"
+        return "counts samples" if self.counts else f"states no unit ({', '.join(SECONDS)})"
 
-def _clock(file: EmgFile, index: int) -> _Clock | None:
+
+def _clock(file: EmgFile, index: int, muscles: Sequence[int]) -> _Clock | None:
     """Return the time of a muscle: the format's, else the nearest time column on its left, else the first."""
     column = file.columns[index]
     times_s, name, counts = column.times_s, "", False
     unit_s: float | None = 1.0
     if times_s is None:
-        fits = [i for i in _times(file) if file.columns[i].samples.size == column.samples.size]
+        times = [i for i in _times(file) if i not in muscles]
+        fits = [i for i in times if file.columns[i].samples.size == column.samples.size]
         clocks = [i for i in fits if not _COUNTER.fullmatch(file.columns[i].name)] or fits
         if not clocks:
             return None
@@ -292,25 +296,24 @@ def _rate(
     file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock | None], fs_hz: float | None
 ) -> tuple[float, str]:
     """Return the rate and its source; all statements of it must agree."""
-    fields = [(file.rate_from, one.rate_hz, 0.0) for one in columns if one.rate_hz is not None]
-    fields += [("--fs", fs_hz, 0.0)] if fs_hz is not None else []
-    own: list[tuple[str, float, float]] = []
-    timed: list[tuple[str, float, float]] = []
+    fields = [(file.rate_from, one.rate_hz) for one in columns if one.rate_hz is not None]
+    fields += [("--fs", fs_hz)] if fs_hz is not None else []
+    own: list[tuple[str, float]] = []
+    timed: list[tuple[str, float]] = []
     for clock in clocks:
-        if clock is None:
-            continue
-        claim = _claim(clock, [hz for _, hz, _ in fields])
-        if claim is not None:
-            (timed if clock.name else own).append((*claim, clock.timing.doubt))
+        claim = _claim(clock, [hz for _, hz in fields]) if clock else None
+        if clock and claim:
+            (timed if clock.name else own).append(claim)
     claims = [*timed, *fields, *own]
     if not claims:
-        hints = "".join(f"; {hint}" for hint in file.hints)
+        silent = [f"the time column {one.name} {one.silent}" for one in clocks if one]
+        hints = "".join(f"; {hint}" for hint in (*dict.fromkeys(silent), *file.hints))
         raise PalpError(
             f"{file.path}: no time column and no field states the sampling rate{hints}; state it with --fs"
         )
-    where, rate_hz, doubt = claims[0]
-    for other, hz, more in claims[1:]:
-        if not abs(hz / rate_hz - 1.0) <= max(RATES_ALIKE, doubt, more):
+    where, rate_hz = claims[0]
+    for other, hz in claims[1:]:
+        if not abs(hz / rate_hz - 1.0) <= RATES_ALIKE:
             raise PalpError(
                 f"{file.path}: {where} gives {rate_hz:.6g} Hz, but {other} {hz:.6g} Hz; correct one"
             )
@@ -321,16 +324,16 @@ def _claim(clock: _Clock, known_hz: Sequence[float]) -> tuple[str, float] | None
     """Return what a time says of the rate; None if it says nothing.
 
     A time without a unit is in the unit that fits the rate that is stated elsewhere; else in seconds, if that
-    can be the rate of EMG. One that counts samples says nothing.
+    can be the rate of EMG. One that counts samples, or is rounded too much, says nothing.
     """
     rate, name = clock.timing.rate, f"the time column {clock.name}" if clock.name else "its time stamps"
-    if clock.counts:
+    if clock.counts or clock.timing.doubt > RATES_ALIKE:
         return None
     if clock.unit_s is not None:
         return name, round(rate / clock.unit_s, 3)
     for known in known_hz:
         for unit_s in SECONDS.values():
-            if abs(rate / unit_s / known - 1.0) <= max(RATES_ALIKE, clock.timing.doubt):
+            if abs(rate / unit_s / known - 1.0) <= RATES_ALIKE:
                 return name, round(rate / unit_s, 3)
     if rate == 1.0:
         return None

@@ -41,11 +41,14 @@ def run_trial(
 ) -> EmgTrial:
     """Read and analyse a trial."""
     trial = read_muscles(path, options)
-    effort_path, effort, quiet = path, trial.phase("mvc"), trial.phase("rest")
-    if mvc is not None:
-        effort_path, effort = mvc, _alike(read_muscles(mvc, options), trial, "mvc")
-    if rest is not None:
-        quiet = _alike(read_muscles(rest, options), trial, "rest")
+    effort_path, notes = mvc or path, list(trial.notes)
+    parts = {phase: trial.phase(phase) for phase in ("mvc", "rest")}
+    for phase, recorded in (("mvc", mvc), ("rest", rest)):
+        if recorded is not None:
+            other = read_muscles(recorded, options)
+            parts[phase] = _alike(other, trial, phase)
+            notes += [f"{recorded}: {note}" for note in other.notes]
+    effort, quiet = parts["mvc"], parts["rest"]
     if effort is None:
         raise PalpError(f"{path}: has no phase 'mvc'; name its MVC recording with --mvc")
     palpation = trial.phase("palpation")
@@ -59,17 +62,12 @@ def run_trial(
         result = analyse(used, effort, rated, rest=quiet)
     except PerceptionError as error:
         raise PerceptionError(f"{path} with MVC {effort_path}: {error}") from error
-    return EmgTrial(path, effort_path, trial, rated, result)
+    return EmgTrial(path, effort_path, replace(trial, notes=tuple(notes)), rated, result)
 
 
 def _alike(other: Muscles, trial: Muscles, phase: str) -> Float64Array:
     """Return another recording of the same muscles; its rate and unit must be the trial's."""
-    path, count = other.file.path, {1: "one muscle", 2: "two muscles"}
-    if len(other.indices) != len(trial.indices):
-        raise PalpError(
-            f"{path}: has {count[len(other.indices)]}, the trial {count[len(trial.indices)].split()[0]}; "
-            "choose them with --fds and --edc (--edc none: one muscle)"
-        )
+    path = other.file.path
     if abs(other.rate_hz / trial.rate_hz - 1.0) > RATES_ALIKE:
         raise PalpError(f"{path}: {other.rate_hz:g} Hz, the trial {trial.rate_hz:g} Hz; resample one")
     if other.unit != trial.unit:
