@@ -36,6 +36,9 @@ COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
     ),
     (("bag", "info", "node.py"), 2, ("node.py: not a bag; give a bag's folder",)),
     (("bag", "info", "torn.mcap"), 2, ("palp bag recover",)),
+    (("bag", "play", "gone", "--delay", "nan"), 2, ("--delay", "must be a finite number")),
+    (("session", "plan", "--limit-s", "inf"), 2, ("--limit-s", "must be a finite number")),
+    (("swap", "relay", "F:N", "--timeout", "nan"), 2, ("--timeout", "must be a finite number")),
 ]
 """Words, exit status, and what is printed."""
 

@@ -233,6 +233,7 @@ def test_a_call_to_a_stopped_node_ends_in_time_with_the_reason(palp: Palp, tmp_p
     why = graph.refused("service", "call", "/scale/weigh", "--timeout", "0.5")
     assert "/scale did not answer" in why
     assert f"kill -CONT {process.pid}" in why
+    assert "/scale did not answer" in graph.refused("topic", "pub", "/scale/load", "-1", "--timeout", "0.5")
     doctor = graph.run("doctor")
     assert (doctor.returncode, "/scale did not answer 'info'" in doctor.stdout) == (1, True)
     lists = graph.run("service", "list", "--timeout", "0.5")
@@ -307,6 +308,10 @@ def test_messages_from_outside_reach_their_node_as_words_and_from_standard_input
     )
     first, second = (json.loads(line) for line in done.stdout.splitlines())
     assert second["sequence"] == first["sequence"] + 1
+    named = subprocess.run(
+        command, input="--- # one\n", env=talk.palp.environment, capture_output=True, text=True, check=False
+    )
+    assert "'--- # one' between messages: a line of --- alone separates them" in named.stderr
     reply: Any = None
     while reply is None or reply["load_n"] != 3.0:  # the last message is in the node's inbox, a call is not
         reply = talk.told("service", "call", "/scale/weigh")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
+import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from inspect import Parameter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,9 +23,16 @@ INTERRUPTED = 130
 TERMINATED = 143
 
 
+def _require_finite(value: Any) -> Any:
+    """Refuse NaN, which is within all of typer's bounds, and infinity."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise typer.BadParameter("must be a finite number")
+    return value
+
+
 def option(text: str, *names: str, **settings: Any) -> Any:
     """Return an option; ``names`` as in ``--rate``, ``-r``, by default its parameter's."""
-    return typer.Option(*names, help=text, **settings)
+    return typer.Option(*names, help=text, **{"callback": _require_finite, **settings})
 
 
 def argument(
@@ -35,7 +43,7 @@ def argument(
     **settings: Any,
 ) -> Any:
     """Return an argument, whose default is shown only if ``show_default`` says so."""
-    shown = {"show_default": False, **settings}
+    shown = {"show_default": False, "callback": _require_finite, **settings}
     return typer.Argument(metavar=metavar, help=text, autocompletion=complete, **shown)
 
 

@@ -73,6 +73,8 @@ def _documents() -> Iterator[str]:
     text = ""
     try:
         for line in itertools.chain(sys.stdin, ["---"]):
+            if line.startswith(("--- ", "...")):
+                raise GraphError(f"'{line.strip()}' between messages: a line of --- alone separates them")
             if line.rstrip() != "---":
                 text += line
                 continue

@@ -340,6 +340,8 @@ class RunningGraph:
         """Return node, port and described type of an input that takes messages from outside."""
         name = _rooted(name)
         node, _, port = name[1:].partition("/")
+        if node in self.node_names:
+            self.ask(node, "info", timeout_s=timeout_s)  # one that does not answer is not "no such port"
         known = self.external_ports([node], timeout_s=timeout_s) if node in self.node_names else {}
         if name in known:
             return node, port, known[name]
