@@ -66,6 +66,9 @@ def whole_file(
             path.hardlink_to(part)
         else:
             part.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(path)  # a full disk names no file
+        raise
     finally:
         part.unlink(missing_ok=True)
     if durable:

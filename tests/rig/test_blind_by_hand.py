@@ -8,6 +8,7 @@ import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -28,7 +29,7 @@ from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.many.pooled import rows_of
 from palp_core.palpation.session.run_note import read_note, refuse_resuming
 from palp_core.sealing import opened, sealed
-from palp_core.whole_file import is_locked, write_whole
+from palp_core.whole_file import is_locked, write_json, write_whole
 from tests.rig.test_human import HUMAN, session
 from tests.support.palp import ROOT
 from tests.support.rig_session import check_here
@@ -113,7 +114,7 @@ def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_ag
     assert {one["subject"] for one in json.loads(analysed.stdout)["trials"]} == {"S01"}
 
 
-@pytest.mark.parametrize("done", range(2))
+@pytest.mark.parametrize("done", range(3))
 def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
     copy: Path, tmp_path: Path, done: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,20 +122,25 @@ def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
     unseal(whole, "all is done")
     left = [done]
 
-    def write_some(path: Path, content: str | bytes) -> None:
+    def write_some(path: Path, content: Any) -> None:
         assert is_locked(copy / HUMAN_TABLE)  # no other opens the session meanwhile
         if not left[0]:
             raise OSError("disk full")
         left[0] -= 1
-        write_whole(path, content)
+        if isinstance(content, dict):
+            write_json(path, content)
+        else:
+            write_whole(path, content)
 
-    monkeypatch.setattr("palp_core.palpation.session.human.blinding.write_whole", write_some)
+    for name in ("write_whole", "write_json"):
+        monkeypatch.setattr(f"palp_core.palpation.session.human.blinding.{name}", write_some)
     with pytest.raises(OSError, match="disk full"):
         unseal(copy, "all is done")
     monkeypatch.undo()
     unseal(copy, "all is done")
     with pytest.raises(PalpError, match="is not sealed"):
         unseal(copy, "all is done twice")
+    assert [(one.deed, one.reason) for one in decisions(copy)] == [("unseal", "all is done")]
     for name in (HUMAN_TABLE, sealed_name(Path(HUMAN_TABLE)).name, "key.json"):
         assert (copy / name).read_bytes() == (whole / name).read_bytes()
 
@@ -191,6 +197,36 @@ def test_the_digest_of_the_key_belongs_to_the_run_and_its_bag(out: Path) -> None
     refuse_other_key(summary, out)
     with Bag(out / "bag") as bag:
         assert launch_of(bag).attached[DIGEST] == summary.attached[DIGEST]
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda head, *rows: [head], "has no rows"),
+        (lambda head, *rows: [head, *rows[:5], rows[5][:40]], "the last row is cut short: '5,S01"),
+        (lambda head, *rows: [head, *rows[:5]], "has no row of the trial emg/S01/estimation/03_"),
+        (
+            lambda head, *rows: [head, *rows[:5], with_code(rows[5], "Z9")],
+            "row 5: no code 'Z9' in .*key.sealed",
+        ),
+    ],
+)
+def test_a_table_that_lacks_a_trial_is_not_unsealed(
+    copy: Path, damage: Callable[..., list[str]], words: str
+) -> None:
+    table = copy / HUMAN_TABLE
+    table.write_text("".join(damage(*table.read_text().splitlines(keepends=True))))
+    before = {path: path.read_bytes() for path in copy.iterdir() if path.is_file()}
+    with pytest.raises(PalpError, match=words):
+        unseal(copy, "all is done")
+    assert {path: path.read_bytes() for path in copy.iterdir() if path.is_file()} == before
+
+
+def with_code(row: str, code: str) -> str:
+    """Return a row of another phantom, with the EMG that it has."""
+    cells = row.split(",")
+    cells[list(HumanRow.__struct_fields__).index("phantom")] = code
+    return ",".join(cells)
 
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml", "rig.yaml", "human.yaml"])

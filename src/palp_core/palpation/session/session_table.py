@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar, get_args, get_type_hints
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.errors import PalpError, in_words
+from palp_core.errors import PalpError
 from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
 from palp_core.whole_file import append_whole, read_whole, write_whole
@@ -153,18 +153,25 @@ class SessionTable:
         )
 
 
-def read_table(path: Path, missing: str, form: TableForm[R]) -> list[R]:
-    """Return every row of a session's table. A last row that was cut short is left out, with a warning."""
+def read_table(path: Path, missing: str, form: TableForm[R], *, whole: bool = False) -> list[R]:
+    """Return every row of a session's table.
+
+    A last row that was cut short is left out, with a warning, or refused where the table is to be ``whole``.
+    """
     try:
         text = read_whole(path).decode()
     except FileNotFoundError:
         raise PalpError(f"{missing}: {path} is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
-    whole, newline, cut = text.rpartition("\n")
+    except OSError as error:
+        raise PalpError(f"{path} cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise PalpError(f"{path}: not a table: byte {error.start + 1} is not UTF-8 text") from error
+    complete, newline, cut = text.rpartition("\n")
+    if cut and whole:
+        raise PalpError(f"{path}: the last row is cut short: '{cut:.60}'; restore it, or remove that line")
     if cut:
         _log.warning("%s: the last row was cut short and is left out: '%.60s...'", path, cut)
-    lines = csv.reader(io.StringIO(whole + newline, newline=""))
+    lines = csv.reader(io.StringIO(complete + newline, newline=""))
     rows: list[R] = []
     try:
         columns = next(lines, [])

@@ -11,7 +11,7 @@ import pytest
 from palp_core.errors import PalpError
 from palp_core.palpation.session import audit
 from palp_core.palpation.session.human.analysis import analyse, gather
-from palp_core.palpation.session.human.record import HumanRow, HumanWriter, read_human
+from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, HumanWriter, read_human
 from palp_core.palpation.session.human.report import headline, write_human
 
 DEPTHS_M = (0.002, 0.004, 0.008)
@@ -56,6 +56,16 @@ def six_subjects(folder: Path, **more: Any) -> list[Path]:
 def test_a_row_comes_back_as_it_was_written(tmp_path: Path) -> None:
     rows = [row(0), row(1, depth_m=None, estimate_m=None, answer_s=None, answer_mm=None, told=True)]
     assert read_human(written(tmp_path / "S01", rows)) == rows
+
+
+@pytest.mark.parametrize(
+    ("cell", "other"), [(",estimation,", ",other,"), (",5.0,", ",nan,"), (",5.0,", ",-inf,")]
+)
+def test_a_cell_that_no_session_writes_is_named_by_its_line(tmp_path: Path, cell: str, other: str) -> None:
+    table = written(tmp_path / "S01", [row(0), row(1)]) / HUMAN_TABLE
+    table.write_text(table.read_text().replace(cell, other))
+    with pytest.raises(PalpError, match=f"{HUMAN_TABLE}:2: the row is damaged"):
+        read_human(tmp_path / "S01")
 
 
 def test_the_papers_counts_give_the_papers_shares(tmp_path: Path) -> None:

@@ -20,8 +20,13 @@ from palp_core.palpation.mechanics.scene.sealed import (
     seal,
     sealed_phantoms,
 )
-from palp_core.palpation.session.audit import WHOLE_SESSION, decide
-from palp_core.palpation.session.human.record import HUMAN_TABLE, human_table_text, read_human
+from palp_core.palpation.session.audit import WHOLE_SESSION, decide, decisions
+from palp_core.palpation.session.human.record import (
+    HUMAN_TABLE,
+    emg_without_row,
+    human_table_text,
+    read_human,
+)
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import CHECKPOINT, OPENED, is_being_written
 from palp_core.whole_file import locked_path, read_whole, write_json, write_whole
@@ -90,24 +95,40 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> list[tuple[str
 
 
 def _unseal(folder: Path, reason: str, key: Path) -> list[tuple[str, str, float]]:
-    rows = read_human(folder)
-    if all(row.depth_m is not None for row in rows):
+    table = folder / HUMAN_TABLE
+    rows = read_human(folder, whole=True)
+    if not rows:
+        raise PalpError(f"{table} has no rows")
+    decided = any(one.deed == "unseal" for one in decisions(folder))
+    begun = decided and not (folder / OPENED).exists()
+    if all(row.depth_m is not None for row in rows) and not begun:
         raise PalpError(f"'{folder}' is not sealed")
+    if lost := emg_without_row(folder, rows):
+        raise PalpError(
+            f"{table} has no row of the trial {lost[0].relative_to(folder)}; restore the table, or move "
+            "that file away if the trial was not over"
+        )
     if not is_sealed(key):
         raise PalpError(f"{key} is not a sealed key; name the session's with --key")
     _require_own(key, read_note(folder))
     own = own_codes(key)
     depths_m = {code: one.bead.depth_m for code, one in sealed_phantoms(key).items() if one.bead is not None}
+    for row in rows:
+        if row.depth_m is None and row.phantom not in depths_m:
+            raise PalpError(
+                f"{table}: row {row.row}: no code '{row.phantom}' in {key}; restore the row, "
+                "or name the session's key with --key"
+            )
     opened = [
         row if row.depth_m is not None else msgspec.structs.replace(row, depth_m=depths_m[row.phantom])
         for row in rows
     ]
-    decide(folder, WHOLE_SESSION, "unseal", reason)
-    table = folder / HUMAN_TABLE
     if not sealed_name(table).exists():
         write_whole(sealed_name(table), read_whole(table))
-    write_json(folder / OPENED, {code: {"depth_m": d, "phantom": own[code]} for code, d in depths_m.items()})
+    if not decided:  # before anything is open, and once
+        decide(folder, WHOLE_SESSION, "unseal", reason)
     write_whole(table, human_table_text(opened))
+    write_json(folder / OPENED, {code: {"depth_m": d, "phantom": own[code]} for code, d in depths_m.items()})
     return [(code, own[code], depth_m) for code, depth_m in sorted(depths_m.items())]
 
 

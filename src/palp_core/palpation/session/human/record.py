@@ -13,7 +13,8 @@
 ``palp emg fit-policy OUT`` learns the subject's chains from what counts.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.audit import left_out
+from palp_core.palpation.session.human.plan import Phase
 from palp_core.palpation.session.session_folder import cannot_write
 from palp_core.palpation.session.session_table import SessionTable, TableForm, read_table
 from palp_core.units import Float64Array
@@ -51,7 +53,7 @@ class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
 
     row: int
     subject: str
-    phase: str
+    phase: Phase
     trial: int
     attempt: int
     phantom: str
@@ -71,6 +73,11 @@ class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
     subject_number: int
     seed: int
     end_ns: int
+
+    def __post_init__(self) -> None:
+        numbers = (self.depth_m, self.palpation_s, self.answer_s, self.answer_mm, self.estimate_m)
+        if not all(math.isfinite(number) for number in numbers if number is not None):
+            raise ValueError("a number is not finite")
 
 
 _FORM = TableForm(HumanRow)
@@ -109,7 +116,7 @@ class HumanWriter(SessionTable):
         with self._taken():
             rows = read_human(self.folder)
             self._require(rows, row_count)
-            loose = self._emg_without_row(rows[:row_count])
+            loose = emg_without_row(self.folder, rows[:row_count], (EMG, DISCARDED))
             if loose or len(rows) > row_count:
                 place = self._set_aside(row_count, len(rows))
                 for path in loose:
@@ -117,12 +124,6 @@ class HumanWriter(SessionTable):
                     target.parent.mkdir(parents=True, exist_ok=True)
                     path.rename(target)
             self._cut(row_count)
-
-    def _emg_without_row(self, rows: Sequence[HumanRow]) -> list[Path]:
-        """Return what is of no row that stays: of a row more, or of a trial that was not over."""
-        kept = {row.emg for row in rows}
-        found = (path for name in (EMG, DISCARDED) for path in sorted(self.folder.glob(f"{name}/*/*/*.npz")))
-        return [path for path in found if str(path.relative_to(self.folder)) not in kept]
 
     def identity(self, subject: str, consent: str, **more: Any) -> None:
         try:
@@ -166,8 +167,15 @@ def human_table_text(rows: Sequence[HumanRow]) -> str:
     return csv_text(_FORM.columns(), *map(_FORM.cells, rows))
 
 
-def read_human(out: str | Path) -> list[HumanRow]:
-    return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _FORM)
+def read_human(out: str | Path, *, whole: bool = False) -> list[HumanRow]:
+    return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _FORM, whole=whole)
+
+
+def emg_without_row(out: Path, rows: Sequence[HumanRow], places: Collection[str] = (EMG,)) -> list[Path]:
+    """Return the EMG of trials that none of the rows has: of a lost row, or of a trial that was not over."""
+    kept = {row.emg for row in rows}
+    found = (path for name in places for path in sorted(out.glob(f"{name}/*/*/*.npz")))
+    return [path for path in found if str(path.relative_to(out)) not in kept]
 
 
 def emg_that_does_not_count(out: Path) -> set[Path]:
