@@ -112,6 +112,14 @@ def test_a_bag_that_cannot_be_begun_is_refused_before_anything_starts(
         Graph(CHAIN, record=tmp_path / "bag", clock="sim"),
     ):
         pass
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_bag_that_a_full_disk_cuts_is_not_recovered_in_part(small_disk: list[str], tmp_path: Path) -> None:
+    assert not small_disk
+    with pytest.raises(OSError, match="No space left on device"):
+        recover(GOLDEN, tmp_path / "saved")
+    assert not (tmp_path / "saved").exists()
 
 
 @pytest.mark.parametrize("form", ["csv", "json"])

@@ -65,13 +65,22 @@ class RecoverReport(msgspec.Struct, kw_only=True):
 def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> RecoverReport:
     """Write everything intact of a bag into a new bag; a bag that is whole comes out whole.
 
-    Nothing is left of the new bag where nothing could be saved of a bag that has data.
+    Nothing is left of the new bag after an error, as where nothing could be saved of a bag that has data.
     """
-    report = RecoverReport(missing_files=missing_files(Path(bag)))
-    problems: list[str] = []
     path = Path(bag)
     files = [path] if path.is_file() else _files(path)
-    with BagWriter(out, compression=compression) as writer:
+    writer = BagWriter(out, compression=compression)
+    try:
+        return _recover(path, files, writer)
+    except BaseException:
+        shutil.rmtree(out, ignore_errors=True)
+        raise
+
+
+def _recover(bag: Path, files: list[Path], writer: BagWriter) -> RecoverReport:
+    report = RecoverReport(missing_files=missing_files(bag))
+    problems: list[str] = []
+    with writer:
         saver = _Saver(writer)
         for file in files:
             found = salvage(file)
@@ -100,7 +109,6 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
         )
         writer.attach(RECOVERED_NAME, msgspec.json.encode(report), "application/json")
     if not report.message_count and (report.damaged_bytes or report.orphan_count):
-        shutil.rmtree(out)
         raise BagError("; ".join([f"{bag}: no message could be saved: {report.damage()}", *problems]))
     return report
 

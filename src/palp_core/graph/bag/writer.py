@@ -1,5 +1,6 @@
 """Write a bag: a folder ``NAME`` with ``NAME_0.mcap``, ``NAME_1.mcap`` ... and ``metadata.yaml``."""
 
+import shutil
 from collections import deque
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -63,6 +64,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         try:
             self._open()
         except OSError as error:
+            shutil.rmtree(self.folder, ignore_errors=True)  # it was made just now
             raise BagError(f"{self.folder} cannot be written: {error.strerror}") from error
 
     def stream(self, stream: Stream) -> int:
