@@ -240,12 +240,16 @@ class Faulty(Relay):
 
     def on_configure(self):
         DEEDS["params"] = self.params
+        if self.params.deed == "finish early":
+            self.finish()
         if self.params.step == "configure":
             do(self.params)
 
     def on_resume(self):
         if self.params.deed != "kill_other":
             self.out.publish(Num(index=-1, by="too early"))
+        if self.params.deed == "finish":
+            self.finish()
         if self.params.step == "take over":
             do(self.params)
 

@@ -148,6 +148,7 @@ def test_what_does_not_fit_the_graph_is_refused_before_anything_starts(stage: St
 
 
 FAULTS = [(step, deed) for step in ("configure", "state", "take over") for deed in ("raise", "exit", "kill")]
+FAULTS += [("take over", "finish"), ("take over", "finish early")]
 
 
 def test_a_fault_at_any_step_leaves_the_old_node_at_work(stage: Stage) -> None:

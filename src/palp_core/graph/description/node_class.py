@@ -257,9 +257,9 @@ def _located(error: BaseException, workspace: Path) -> str:
         text = f"the module ends the process when it is imported (exit status {error.code}); remove that call"
     else:
         text = f"{type(error).__name__}: {error}".removesuffix(": ")
-    if isinstance(error, SyntaxError) and error.filename:
-        text = f"SyntaxError: {error.msg}"
-        return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
+    if isinstance(error, SyntaxError):  # of no line where the file has a NUL byte
+        place = f"{_short(error.filename, workspace)}:{error.lineno or 1}: " if error.filename else ""
+        return f"{place}SyntaxError: {error.msg}"
     if isinstance(error, ModuleNotFoundError) and (installs := advice(error)):
         return installs  # without the place, so that it is reported once for all nodes
     frames = traceback.extract_tb(error.__traceback__)
@@ -317,5 +317,4 @@ def _wanted(param: ParamDescription, value: Any) -> str:
             if high is not None
             else ""
         )
-    quoted = isinstance(value, str) and param.type in ("int", "float")
-    return f"give {param.type}{bounds}{unit}" + (", without quotes" if quoted else "")
+    return f"give {param.type}{bounds}{unit}, not {value!r:.60}"

@@ -307,6 +307,8 @@ class SwapParticipant:
                 self._reporter = WorkReporter(self._executor)
                 self._sockets.publisher.hold(self._reporter.frames.append)
             self._executor.take_over(hand_over, message.params)
+            if self._executor.exit_code is not None:
+                raise NodeError(self._executor.name, "it called finish() before it had taken over")
             if message.shadow is None:
                 self._sockets.requests.remember(message.handover.remembered)
             held = self._merge(hand_over, message.handover.received)
