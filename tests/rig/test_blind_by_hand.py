@@ -123,7 +123,7 @@ def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
     left = [done]
 
     def write_some(path: Path, content: Any) -> None:
-        assert is_locked(copy / HUMAN_TABLE)  # no other opens the session meanwhile
+        assert is_locked(copy)  # no other opens the session meanwhile
         if not left[0]:
             raise OSError("disk full")
         left[0] -= 1

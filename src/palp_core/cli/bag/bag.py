@@ -349,6 +349,9 @@ def _info_text(found: BagInfo) -> str:
         lines += [f"    missing {g.first}..{g.last} of epoch {g.epoch}" for g in topic.gaps[:5]]
         if len(topic.gaps) > 5:
             lines.append(f"    and {counted(len(topic.gaps) - 5, 'more gap')}")
+    if found.backward_count:
+        times = counted(found.backward_count, "time")
+        lines.append(f"  log time goes back {times} over all topics, by {found.backward_s:.6g} s at most")
     lines += [f"  {name} {version}" for name, version in found.versions.items()]
     lines += [f"problem: {problem}" for problem in found.problems]
     if bare := [name for name, topic in found.topics.items() if topic.count and not topic.numbered]:

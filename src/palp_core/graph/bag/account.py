@@ -26,8 +26,8 @@ class EpochAccount:
 
     @property
     def numbered(self) -> bool:
-        """Whether its messages have sequences; other programs write 0 throughout where they assign none."""
-        return self.next != 1
+        """Whether its messages have sequences; other programs repeat one where they assign none."""
+        return bool(not self.repeated or self.count > 1 or self._gaps)
 
     def add(self, sequence: int) -> None:
         if self.next is None:
@@ -94,14 +94,14 @@ class TopicAccount:
 
     def __init__(self, *, from_start: bool = False) -> None:
         self._from_start = from_start
-        self.epochs: dict[int, EpochAccount] = {}
+        self.epochs: dict[tuple[int, int], EpochAccount] = {}
 
-    def epoch(self, epoch: int) -> EpochAccount:
-        """Return the account of an epoch; it is opened if it is new."""
-        account = self.epochs.get(epoch)
+    def epoch(self, epoch: int, publisher: int = 0) -> EpochAccount:
+        """Return the account of an epoch of a publisher; it is opened if it is new."""
+        account = self.epochs.get((epoch, publisher))
         if account is None:
-            must_begin = self._from_start or any(known < epoch for known in self.epochs)
-            account = self.epochs[epoch] = EpochAccount(epoch, 1 if must_begin else None)
+            must_begin = self._from_start or any(known < epoch for known, _ in self.epochs)
+            account = self.epochs[epoch, publisher] = EpochAccount(epoch, 1 if must_begin else None)
         return account
 
     @property
@@ -122,7 +122,7 @@ class TopicAccount:
     @property
     def gaps(self) -> list[Gap]:
         """What is missing, epoch by epoch."""
-        return [gap for epoch in sorted(self.epochs) for gap in self.epochs[epoch].gaps]
+        return [gap for key in sorted(self.epochs) for gap in self.epochs[key].gaps]
 
     @property
     def lost(self) -> int:

@@ -4,6 +4,7 @@ import contextlib
 import csv
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from itertools import starmap
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.edit import copy_messages
 from palp_core.graph.bag.reader import Bag, RecordedMessage
-from palp_core.graph.bag.stream import Stream, decoder_for
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.schema_reader import fields_of, is_array
 from palp_core.graph.messages.schema_types import plain
@@ -45,23 +46,19 @@ def write_json(bag: str | Path, out: str | Path) -> int:
 
     JSON has no NaN and no infinity: they become null.
     """
-    ways: dict[
-        int, tuple[Stream, Callable[[bytes], Any]]
-    ] = {}  # by identity: streams live as long as the bag
+    streams: dict[int, Stream] = {}  # by identity: streams live as long as the bag
 
-    def as_json(message: RecordedMessage) -> RecordedMessage:
+    def as_json(message: RecordedMessage, value: Any) -> RecordedMessage:
         stream = message.stream
-        if id(stream) not in ways:
+        if id(stream) not in streams:
             topic = msgspec.structs.replace(stream.topic, json_schema=json_form(stream.topic.json_schema))
-            converted = msgspec.structs.replace(stream, topic=topic, encoding="json")
-            ways[id(stream)] = converted, decoder_for(stream)
-        converted, decode = ways[id(stream)]
-        return message._replace(stream=converted, payload=msgspec.json.encode(plain(decode(message.payload))))
+            streams[id(stream)] = msgspec.structs.replace(stream, topic=topic, encoding="json")
+        return message._replace(stream=streams[id(stream)], payload=msgspec.json.encode(plain(value)))
 
     with Bag(bag) as opened, BagWriter(out) as writer:
         for name, data in opened.attachments().items():
             writer.attach(name, data)
-        return copy_messages(map(as_json, opened.recorded()), writer)
+        return copy_messages(starmap(as_json, opened.decoded()), writer)
 
 
 def json_form(schema: dict[str, Any]) -> dict[str, Any]:

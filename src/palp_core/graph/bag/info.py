@@ -14,6 +14,8 @@ from palp_core.graph.messages.topic import Topic
 
 T = TypeVar("T")
 VERSIONS_NAME = "palp/versions.json"
+SLACK_NS = 1_000_000_000
+"""So far apart are neighbours of different topics where a recorder writes each as it comes (assumed)."""
 
 
 class TopicReport(msgspec.Struct, kw_only=True):
@@ -49,6 +51,8 @@ class BagInfo(msgspec.Struct, kw_only=True):
 
     Attributes:
         start_s: First log time on the graph's clock.
+        backward_count: How often log time goes back from one message to the next by more than `SLACK_NS`.
+        backward_s: The longest such way back.
         complete: No message is missing, as far as the bag shows.
         healthy: Every file was closed and every CRC matches.
         problems: What is wrong.
@@ -61,6 +65,8 @@ class BagInfo(msgspec.Struct, kw_only=True):
     message_count: int
     start_s: float
     duration_s: float
+    backward_count: int
+    backward_s: float
     topics: dict[str, TopicReport]
     complete: bool
     healthy: bool
@@ -84,7 +90,7 @@ class _TopicTally:
     def add(self, message: RecordedMessage) -> None:
         """Count a message; of its stream, the latest counts."""
         self.topic, self.encoding = message.stream.topic, message.stream.encoding
-        self.account.epoch(message.stream.epoch).add(message.sequence)
+        self.account.epoch(message.stream.epoch, message.stream.publisher).add(message.sequence)
         back_ns = max(self._before_ns[0] - message.log_ns, self._before_ns[1] - message.publish_ns)
         if back_ns > 0:
             self._backward_count += 1
@@ -112,7 +118,7 @@ class _TopicTally:
             backward_s=self._backward_ns / 1e9,
             lost=lost,
             repeated=self.account.repeated,
-            epochs=len(self.account.epochs),
+            epochs=len({epoch for epoch, _ in self.account.epochs}),
             gaps=gaps,
         )
 
@@ -121,7 +127,7 @@ def bag_info(path: str | Path) -> BagInfo:
     """Read a whole bag, check every CRC and account for every message."""
     with Bag(path) as bag:
         problems = bag.problems
-        tallies, start_ns, end_ns = _tally(bag, problems)
+        tallies, start_ns, end_ns, backward = _tally(bag, problems)
         attachments = _attachments(bag, problems)
         files, size_bytes = [file.path.name for file in bag.files], sum(file.size for file in bag.files)
     recording = _json(attachments, SUMMARY_NAME, RecordingSummary)
@@ -141,6 +147,8 @@ def bag_info(path: str | Path) -> BagInfo:
         message_count=sum(topic.count for topic in topics.values()),
         start_s=start_ns / 1e9,
         duration_s=(end_ns - start_ns) / 1e9,
+        backward_count=backward[0],
+        backward_s=backward[1] / 1e9,
         topics=topics,
         complete=whole and not problems and not any(topic.lost for topic in topics.values()),
         healthy=not problems,
@@ -151,23 +159,28 @@ def bag_info(path: str | Path) -> BagInfo:
     )
 
 
-def _tally(bag: Bag, problems: list[str]) -> tuple[dict[str, _TopicTally], int, int]:
-    """Read every message; return the topics with their counts, and the first and the last log time in ns."""
+def _tally(bag: Bag, problems: list[str]) -> tuple[dict[str, _TopicTally], int, int, list[int]]:
+    """Read every message; return the topics, first and last log time, number and longest of the ways back."""
     tallies: dict[str, _TopicTally] = {}
     start_ns = end_ns = None
+    before_ns, backward = 0, [0, 0]
     try:
         for message in bag.recorded():
             topic = message.stream.topic
             if topic.name not in tallies:
                 tallies[topic.name] = _TopicTally(topic)
             tallies[topic.name].add(message)
+            if before_ns - message.log_ns > SLACK_NS:
+                backward = [backward[0] + 1, max(backward[1], before_ns - message.log_ns)]
+            before_ns = message.log_ns
             start_ns = message.log_ns if start_ns is None else min(start_ns, message.log_ns)
             end_ns = message.log_ns if end_ns is None else max(end_ns, message.log_ns)
     except BagDamaged as error:
-        problems.append(str(error))
+        if not any(f"at byte {error.offset} of" in problem for problem in problems):  # opening it showed it
+            problems.append(str(error))
     for name, topic in bag.topics().items():
         tallies.setdefault(name, _TopicTally(topic))
-    return tallies, start_ns or 0, end_ns or 0
+    return tallies, start_ns or 0, end_ns or 0, backward
 
 
 def _attachments(bag: Bag, problems: list[str]) -> dict[str, bytes]:

@@ -15,6 +15,9 @@ from palp_core.whole_file import read_whole, write_whole
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 _LARGEST_BYTES = 4 << 20
+_ADVICE = (
+    "give a bag's folder or an .mcap file; of a rosbag2 make one: palp bag convert BAG --from ros2 -o NEW"
+)
 
 
 class FilePart(msgspec.Struct, frozen=True):
@@ -79,13 +82,13 @@ def bag_files(path: Path) -> list[Path]:
     """
     if path.is_file():
         if path.suffix != ".mcap" and not _begins_as_mcap(path):
-            raise BagError(f"{path}: not a bag; give a bag's folder or an .mcap file")
+            raise BagError(f"{path}: not a bag; {_ADVICE}")
         return [path]
     if not path.is_dir():
         raise BagError(f"{path}: no such bag; give a bag's folder or an .mcap file")
     files = in_order(path)
     if not files:
-        raise BagError(f"{path}: not a bag, no .mcap file is in it")
+        raise BagError(f"{path}: not a bag, no .mcap file is in it; {_ADVICE}")
     if missing := missing_files(path):
         raise BagError(f"{path}: {', '.join(missing)} is missing; read the other files one by one")
     return files

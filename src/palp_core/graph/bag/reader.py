@@ -142,18 +142,26 @@ class Bag(AbstractContextManager["Bag"]):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[BagMessage]:
         """Iterate decoded messages; the arguments are those of :func:`read`."""
+        for message, value in self.decoded(topics, start_ns, end_ns):
+            stream, sequence, log_ns, publish_ns, _ = message
+            yield BagMessage(stream.topic.name, stream.epoch, sequence, log_ns, publish_ns, value)
+
+    def decoded(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[RecordedMessage, Any]]:
+        """Iterate messages with their values; the arguments are those of :func:`read`."""
         decoders: dict[int, Callable[[bytes], Any]] = {}  # by identity: streams live as long as the bag
-        for stream, sequence, log_ns, publish_ns, payload in self.recorded(topics, start_ns, end_ns):
+        for message in self.recorded(topics, start_ns, end_ns):
+            stream = message.stream
             decode = decoders.get(id(stream))
             if decode is None:
                 decode = decoders[id(stream)] = decoder_for(stream)
-            name, epoch = stream.topic.name, stream.epoch
             try:
-                value = decode(payload)
+                value = decode(message.payload)
             except (msgspec.MsgspecError, ValueError) as error:
-                where = f"{self.path}: {name} epoch {epoch} sequence {sequence}"
+                where = f"{self.path}: {stream.topic.name} epoch {stream.epoch} sequence {message.sequence}"
                 raise BagError(f"{where}: not of its schema: {error}") from error
-            yield BagMessage(name, epoch, sequence, log_ns, publish_ns, value)
+            yield message, value
 
     def attachments(self) -> dict[str, bytes]:
         """Return the attachments by name; of the same name, the latest file's."""

@@ -9,6 +9,7 @@ from palp_core.counted import counted
 from palp_core.errors import BagError
 from palp_core.graph.bag.account import TopicAccount
 from palp_core.graph.bag.mcap.chunk import Compression, RawMessage
+from palp_core.graph.bag.mcap.records import MAGIC
 from palp_core.graph.bag.mcap.salvage import Salvage, salvage
 from palp_core.graph.bag.metadata import bag_files, in_order, missing_files
 from palp_core.graph.bag.recorder import RECOVERED_NAME, SUMMARY_NAME
@@ -27,6 +28,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
         unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
         complete: Nothing was lost, as far as the damaged bag shows.
+        problems: What is wrong with each file.
         orphan_count: Messages whose topic is no longer known; they are not saved.
     """
 
@@ -41,6 +43,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
     orphan_count: int = 0
     gaps: dict[str, int] = {}
     complete: bool = True
+    problems: list[str] = []
 
     def text(self) -> str:
         lines = [f"{counted(sum(self.message_count.values()), 'message')} saved; {self.damage()}"]
@@ -48,7 +51,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
             lines.append(f"no CRC covers {self.unverified_count} of them: they may be wrong")
         lines += [f"{name} is missing, with all its messages" for name in self.missing_files]
         lines += [f"{name}: {lost} missing in between" for name, lost in self.gaps.items() if lost]
-        return "\n".join(lines)
+        return "\n".join(lines + self.problems)
 
     def damage(self) -> str:
         """Return what is intact and what is not."""
@@ -65,7 +68,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
 def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> RecoverReport:
     """Write everything intact of a bag into a new bag; a bag that is whole comes out whole.
 
-    Nothing is left of the new bag after an error, as where nothing could be saved of a bag that has data.
+    Nothing is left of the new bag after an error, as where nothing could be saved.
     """
     path = Path(bag)
     files = [path] if path.is_file() else _files(path)
@@ -73,19 +76,20 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
     try:
         return _recover(path, files, writer)
     except BaseException:
+        writer.abandon()
         shutil.rmtree(out, ignore_errors=True)
         raise
 
 
 def _recover(bag: Path, files: list[Path], writer: BagWriter) -> RecoverReport:
     report = RecoverReport(missing_files=missing_files(bag))
-    problems: list[str] = []
     with writer:
         saver = _Saver(writer)
         for file in files:
             found = salvage(file)
-            report.files.append(file.name)
-            problems += [f"{file.name}: {problem}" for problem in found.problems]
+            name = file.name.encode(errors="replace").decode()
+            report.files.append(name)
+            report.problems += [f"{name}: {problem}" for problem in found.problems]
             chunks = [chunk for chunk in found.chunks if not chunk.bare]
             report.chunk_count += len(chunks)
             report.damaged_chunk_count += found.damaged_chunk_count
@@ -108,8 +112,9 @@ def _recover(bag: Path, files: list[Path], writer: BagWriter) -> RecoverReport:
             report.missing_files or report.damaged_bytes or report.orphan_count or any(report.gaps.values())
         )
         writer.attach(RECOVERED_NAME, msgspec.json.encode(report), "application/json")
-    if not report.message_count and (report.damaged_bytes or report.orphan_count):
-        raise BagError("; ".join([f"{bag}: no message could be saved: {report.damage()}", *problems]))
+    bare = all(file.stat().st_size <= len(MAGIC) for file in files)
+    if not report.message_count and (report.damaged_bytes or report.orphan_count or bare):
+        raise BagError("; ".join([f"{bag}: no message could be saved: {report.damage()}", *report.problems]))
     return report
 
 
@@ -141,7 +146,9 @@ class _Saver:
                 self._seen.add(key)
             stream = msgspec.structs.replace(stream, repeated=False) if stream.repeated else stream
             self._writer.write(self._writer.stream(stream), sequence, log_ns, publish_ns, payload)
-            self.accounts.setdefault(topic.name, TopicAccount()).epoch(stream.epoch).add(sequence)
+            self.accounts.setdefault(topic.name, TopicAccount()).epoch(stream.epoch, stream.publisher).add(
+                sequence
+            )
             saved += 1
         return saved
 

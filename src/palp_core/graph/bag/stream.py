@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -23,7 +24,7 @@ SCHEMA_ENCODING = "jsonschema"
 
 
 class Stream(msgspec.Struct, frozen=True, kw_only=True):
-    """One channel: messages of a topic within an epoch."""
+    """One channel: messages of a topic within an epoch; another tool's count by themselves."""
 
     topic: Topic
     epoch: int = 0  # how often its publisher was restarted before
@@ -31,7 +32,8 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
     repeated: bool = False  # latched messages that an earlier file of the bag has
     encoding: str = MESSAGE_ENCODING
     schema_encoding: str = SCHEMA_ENCODING
-    foreign_schema: bytes = b""  # of another encoding
+    foreign_schema: bytes = b""  # of another encoding, or no JSON object
+    publisher: int = 0  # the channel in another tool's file
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -43,11 +45,12 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             self.sequence_high,
             self.repeated,
             self.encoding,
+            self.publisher,
         )
 
     def schema(self, id_: int) -> Schema:
         data = self.foreign_schema
-        if self.schema_encoding == SCHEMA_ENCODING:
+        if self.schema_encoding == SCHEMA_ENCODING and not data:
             data = json.dumps(self.topic.json_schema, separators=(",", ":")).encode()
         return Schema(id=id_, name=self.topic.type, encoding=self.schema_encoding, data=data)
 
@@ -61,6 +64,8 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             metadata["sequence_high"] = str(self.sequence_high)
         if self.repeated:
             metadata["repeated"] = "true"
+        if self.publisher:
+            metadata["publisher"] = str(self.publisher)
         return Channel(
             id=id_,
             schema_id=schema_id,
@@ -71,43 +76,48 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, channel: Channel, schema: Schema | None) -> Stream:
-        """Return the stream of a channel's records; they may be another tool's."""
+        """Return the stream of a channel's records; what is not of palp's form is another tool's."""
         metadata = channel.metadata
-        json_schema, foreign = ANY_SCHEMA, b""
+        numbers = {key: int(text) for key, text in metadata.items() if text.isdecimal() and len(text) < 20}
+        json_schema, foreign = ANY_SCHEMA, b"" if schema is None else schema.data
         if schema is not None and schema.encoding == SCHEMA_ENCODING:
-            json_schema = json.loads(schema.data) if schema.data else ANY_SCHEMA
-            if not isinstance(json_schema, dict):
-                raise ValueError(f"{channel.topic}: its schema is not an object")
-        elif schema is not None:
-            foreign = schema.data
+            with suppress(ValueError, RecursionError):
+                if isinstance(found := json.loads(foreign or b"{}"), dict):
+                    json_schema, foreign = found or ANY_SCHEMA, b""
         topic = Topic(
             name=channel.topic,
             type="" if schema is None else schema.name,
             type_hash=metadata.get("type_hash", ""),
             json_schema=json_schema,
-            latched_depth=int(metadata.get("latched_depth", "0")),
+            latched_depth=numbers.get("latched_depth", 0),
         )
         return cls(
             topic=topic,
-            epoch=int(metadata.get("epoch", "0")),
-            sequence_high=int(metadata.get("sequence_high", "0")),
+            epoch=numbers.get("epoch", 0),
+            sequence_high=numbers.get("sequence_high", 0),
             repeated=metadata.get("repeated") == "true",
             encoding=channel.message_encoding,
             schema_encoding=SCHEMA_ENCODING if schema is None else schema.encoding,
             foreign_schema=foreign,
+            publisher=numbers.get("publisher", 0 if "epoch" in numbers else channel.id),
         )
 
 
 def decoder_for(stream: Stream) -> Callable[[bytes], Any]:
     """Return the function that decodes a stream's payloads.
 
-    Structs where the bag has a schema, dicts where it has none, the bytes themselves where the encoding is
-    neither msgpack nor JSON.
+    Structs where the bag has a schema, dicts where it has none.
+
+    Raises:
+        BagError: The encoding is neither msgpack nor JSON.
     """
     if stream.encoding == "json":
         return msgspec.json.decode
     if stream.encoding != MESSAGE_ENCODING:
-        return bytes
+        raise BagError(
+            f"{stream.topic.name}: palp does not decode '{stream.encoding}', only msgpack and JSON; "
+            "leave the topic out, or make a palp bag of a rosbag2: palp bag convert BAG --from ros2 -o NEW"
+        )
     try:
         return payload_decoder(stream.topic.json_schema, stream.topic.type or "Value")
     except SchemaMismatch as error:

@@ -17,7 +17,7 @@ from palp_core.graph.bag.metadata import FilePart, write_metadata
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.messages.topic import Topic
 
-_NEVER = 1 << 63
+_NEVER = 1 << 64
 MAX_CHANNELS = 0xFFFF
 
 
@@ -55,6 +55,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._tick_ns: int | None = None
         self._closed = False
         self._split_ns = self._split_bytes = _NEVER
+        if not self.folder.name.isprintable():
+            raise BagError(f"{str(folder)!a}: a bag's name is in its files; choose one that is printable")
         try:
             self.folder.mkdir(parents=True)
         except FileExistsError as error:

@@ -258,8 +258,8 @@ def _located(error: BaseException, workspace: Path) -> str:
     else:
         text = f"{type(error).__name__}: {error}".removesuffix(": ")
     if isinstance(error, SyntaxError):  # of no line where the file has a NUL byte
-        place = f"{_short(error.filename, workspace)}:{error.lineno or 1}: " if error.filename else ""
-        return f"{place}SyntaxError: {error.msg}"
+        where = f"{_short(error.filename, workspace)}:{error.lineno or 1}: " if error.filename else ""
+        return f"{where}SyntaxError: {error.msg}"
     if isinstance(error, ModuleNotFoundError) and (installs := advice(error)):
         return installs  # without the place, so that it is reported once for all nodes
     frames = traceback.extract_tb(error.__traceback__)

@@ -53,7 +53,7 @@ class FileReader(AbstractContextManager["FileReader"]):
     """Reads one file.
 
     Attributes:
-        closed: It has a whole summary: its writer came to its end.
+        closed: Its writer came to its end, as a whole summary shows, or a walk through it to its end.
         schemas, channels: Definitions known so far; all of them if ``closed``.
         statistics: Counts of the whole file, if ``closed`` and written.
         chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
@@ -85,12 +85,13 @@ class FileReader(AbstractContextManager["FileReader"]):
                 self.closed = self._read_summary()
             except (ValueError, struct.error) as error:
                 self.problems.append(f"the summary is damaged: {error}")
-            if self.closed:
-                self._find_definitions()
-            else:
+            if not self.closed:
                 self.chunks, self._attachments, self._metadata = [], [], []
                 self.schemas, self.channels, self.statistics = {}, {}, None
                 self._walk(len(records.MAGIC), self.size)
+                self.closed = not self.problems
+            if self.closed:
+                self._find_definitions()
         except BaseException:
             self._file.close()
             raise
@@ -274,7 +275,7 @@ class FileReader(AbstractContextManager["FileReader"]):
                 return self._note_damage(offset, "a message index is damaged")
             elif op == records.Op.DATA_END:
                 if end == self.size and self._has_summary and not self.problems:
-                    self.problems.append("the summary is missing")
+                    self.problems.append("the summary is missing, or something follows it")
                 return None
             offset += size
         if end == self.size:

@@ -38,7 +38,7 @@ class Salvage(msgspec.Struct, kw_only=True):
         torn: Offset of a last chunk that the file's end cuts off and that is not compressed, or -1.
         damaged_chunk_count: Chunks that are not what was written.
         damaged_bytes: Bytes that belong to nothing intact.
-        problems: What is wrong with the file, as far as opening it shows.
+        problems: What is wrong with the file, as far as opening it shows, and with its first damaged chunk.
     """
 
     path: Path
@@ -100,6 +100,7 @@ def salvage(path: Path) -> Salvage:
     found = Salvage(path=path)
     try:
         if path.stat().st_size == 0:
+            found.problems = ["it is empty"]
             return found
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             found.has_crcs = made_by_palp(data[: records.HEADER_SEEN_BYTES])
@@ -127,7 +128,6 @@ def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
         broken = 0
         for place in reader.chunks:
             if not _take_place(found, data, place):
-                found.damaged_chunk_count += 1
                 broken += place.length
         for offset, length in reader.extras:
             if not _take_extra(found, data, offset, length):
@@ -138,7 +138,9 @@ def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
 def _by_search(found: Salvage, data: mmap.mmap) -> int:
     """Walk from record to record, search where none begins; return the intact bytes."""
     offset = len(records.MAGIC)
-    intact = offset * ((data[:offset] == records.MAGIC) + (data[-offset:] == records.MAGIC))
+    intact = offset * (
+        (data[:offset] == records.MAGIC) + (data[max(offset, len(data) - offset) :] == records.MAGIC)
+    )
     doubt = 0  # behind the last thing that a CRC or what follows it confirms
     while True:
         length = _record_length(data, offset)
@@ -152,7 +154,6 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
         op = data[offset]
         if op == records.Op.CHUNK:
             good = proven = _take_place(found, data, ChunkPlace(offset, length))
-            found.damaged_chunk_count += not good
         elif op == records.Op.MESSAGE:
             good = proven = _is_message(found, data, offset, length)
             if good:
@@ -222,8 +223,11 @@ def _take_place(found: Salvage, data: mmap.mmap, place: ChunkPlace) -> bool:
     try:
         chunk = data[place.offset : place.offset + place.length]
         split_chunk(place.open(chunk, has_crc=found.has_crcs), found.define)
-    except (ValueError, struct.error):
+    except (ValueError, struct.error) as error:
         found.schemas, found.channels = schemas, channels
+        if not found.damaged_chunk_count:
+            found.problems.append(f"at byte {place.offset}: a chunk is damaged: {error}")
+        found.damaged_chunk_count += 1
         return False
     found.chunks.append(place)
     if place.bare or not (found.has_crcs or read_chunk_head(chunk)[3]):

@@ -19,6 +19,7 @@ import msgspec
 
 from palp_core.errors import BagError
 from palp_core.foreign import catch_foreign, describe_foreign
+from palp_core.graph.bag.metadata import named_files
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
 from palp_core.graph.bag.ros2.values import reader as message_reader
 from palp_core.graph.bag.stream import Stream
@@ -28,6 +29,7 @@ from palp_core.whole_file import check_regular
 
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 RATHER = "leave it out with -x REGEX"
+_MEND = "if its MCAP is cut off: palp bag recover BAG -o NEW, then convert NEW"
 
 SMALLEST_BOUND_BYTES, MOST_TIMES = 1 << 30, 1000
 """Bound of a decompressed bag (assumed): so many times its size, 1 GiB at least."""
@@ -36,7 +38,8 @@ SMALLEST_BOUND_BYTES, MOST_TIMES = 1 << 30, 1000
 def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool] | None = None) -> int:
     """Write a rosbag2 as a palp bag.
 
-    Log times are kept; a message's time of publication, which rosbag2 lacks, is its log time.
+    Log times are kept, and messages come in their order, even where the clock went back; a message's time of
+    publication, which rosbag2 lacks, is its log time.
     """
     bag = Path(bag)
     if Path(out).exists():
@@ -165,7 +168,7 @@ def _opened(bag: Path) -> Iterator[Any]:
         advice = f"give one of its files: {', '.join(held[:3])}" if held else "give a rosbag2's folder"
         raise BagError(f"{bag}: no metadata.yaml is in it; {advice}")
     with _BoundedDecompression(bag):
-        with catch_foreign(f"{bag} cannot be read as a rosbag2", BagError):
+        with catch_foreign(f"{bag} cannot be read as a rosbag2", BagError, _MEND):
             for path in _files(bag):
                 check_regular(path)
             source = Reader(bag)
@@ -225,8 +228,8 @@ class _BoundedDecompression:
 
 
 def _take_empty_identifier(bag: Path, storage: Any) -> None:
-    """Take the storage from the files' names where ``storage_identifier`` is empty."""
-    suffixes = {suffix for path in bag.iterdir() for suffix in path.suffixes if suffix in _STORAGES}
+    """Take the storage from the names of the files in ``metadata.yaml`` where it names no storage."""
+    suffixes = {suffix for name in named_files(bag) for suffix in Path(name).suffixes if suffix in _STORAGES}
     if len(suffixes) == 1:
         plugin = storage.STORAGE_PLUGINS[_STORAGES[suffixes.pop()]]
-        storage.STORAGE_PLUGINS = {**storage.STORAGE_PLUGINS, "": plugin}
+        storage.STORAGE_PLUGINS = {**storage.STORAGE_PLUGINS, "": plugin, None: plugin}

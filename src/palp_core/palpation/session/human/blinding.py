@@ -90,7 +90,7 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> list[tuple[str
     table = folder / HUMAN_TABLE
     if not table.exists():
         read_human(folder)  # it says what the folder is
-    with locked_path(table):  # who is second finds the table of the first
+    with locked_path(folder):  # the second finds what the first has written
         return _unseal(folder, reason, key or folder / KEY)
 
 
