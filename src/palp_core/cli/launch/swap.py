@@ -28,7 +28,7 @@ def swap(
         bool, option("Try every step, or the shadow, and change nothing.", "--dry-run")
     ] = False,
     probation: Annotated[
-        str | None, option("Keep the old node for N handlers or S seconds; 0: no probation.", metavar="N|Ss")
+        str | None, option("Keep the old node for N handlers or S seconds; 0: none.", metavar="N|Ss")
     ] = None,
     timeout: Annotated[
         float,

@@ -96,9 +96,7 @@ def reanalyse(
     filter: Annotated[str, option("What is known to stay: a comma-separated list, or all.")] = "naive",
     likelihood: Annotated[str, option("Of the naive filter: a comma-separated list, or all.")] = "normal",
     trace_filter: Annotated[str, option("Filter of whole traces instead: second_order.")] = "",
-    stop: Annotated[
-        str | None, option("Stop rule; default: paper_guarded; with --trace-filter: posterior 0.99.")
-    ] = None,
+    stop: Annotated[str | None, option("Stop rule; default: paper_guarded (traces: .99 posterior).")] = None,
     stop_value: Annotated[float, option("The stop rule's number; 0: its default.")] = 0.0,
     depths: Annotated[int, option("Size of the grid of depths; 0: the trained ones.", min=0)] = 0,
     max_probes: Annotated[int, option("Probes after which a trial is undecided.", min=1)] = 15,
