@@ -168,7 +168,7 @@ def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
     async def look(user: Any) -> None:
         await user.should_see("torque: 105 N mm")
         user.find("acknowledge ...").click()
-        await user.should_see("nobody's hand is at the rig?")
+        await user.should_see("are all hands off the rig?")
         assert operator.calls == []
         user.find("yes, leave the stop behind").click()
         await user.should_see("acknowledged: it goes on by itself")
