@@ -96,12 +96,13 @@ class TopicAccount:
         self._from_start = from_start
         self.epochs: dict[tuple[int, int], EpochAccount] = {}
 
-    def epoch(self, epoch: int, publisher: int = 0) -> EpochAccount:
-        """Return the account of an epoch of a publisher; it is opened if it is new."""
+    def epoch(self, epoch: int, publisher: int = 0, first: int | None = None) -> EpochAccount:
+        """Return the account of an epoch of a publisher; a new one begins with ``first`` if given."""
         account = self.epochs.get((epoch, publisher))
         if account is None:
-            must_begin = self._from_start or any(known < epoch for known, _ in self.epochs)
-            account = self.epochs[epoch, publisher] = EpochAccount(epoch, 1 if must_begin else None)
+            if first is None and (self._from_start or any(known < epoch for known, _ in self.epochs)):
+                first = 1
+            account = self.epochs[epoch, publisher] = EpochAccount(epoch, first)
         return account
 
     @property

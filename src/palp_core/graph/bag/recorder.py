@@ -120,7 +120,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
     def expect_from(self, topic: str, epoch: int, first: int) -> None:
         """Expect a topic to begin no later than with a sequence, whatever comes first."""
         account = self._accounts.setdefault(topic, TopicAccount(from_start=self._from_start))
-        last = account.epochs.setdefault((epoch, 0), EpochAccount(epoch, first)).expect_from(first)
+        last = account.epoch(epoch, first=first).expect_from(first)
         if last is not None:
             self.missed(topic, epoch, first, last)
 
