@@ -86,6 +86,11 @@ def test_recordings_replay_over_changed_parameters_states_and_classes_from_the_s
     for node in replayed(palp, later, "source,relay"):
         assert node["divergence"] is None
         assert node["compared"] > 10
+    again = [m.log_ns for m in read(whole, ["/relay/_events"]) if m.value.text == "active -> inactive"]
+    rewrite([whole], tmp_path / "reactivated", start_ns=again[0] + 1)
+    (node,) = replayed(palp, tmp_path / "reactivated", "relay")
+    assert node["divergence"] is None
+    assert node["compared"] > 10
 
 
 def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:

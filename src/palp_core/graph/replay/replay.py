@@ -31,7 +31,7 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import load_class, shared_process
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.replay.streams import OrderedMessages, RecordedInputs, key_of
+from palp_core.graph.replay.streams import Key, OrderedMessages, RecordedInputs, key_of
 
 RECENT = 5
 Close = Callable[[float, float], bool]
@@ -137,9 +137,7 @@ class _Replay:
         for message in OrderedMessages(self._bag, self._order_topic):
             order = decode(Order, message.payload)
             follows = key_of(message) == (place[0], place[1] + 1)
-            if not self._prepare_node(
-                order, message.stream.epoch, follows=follows and self._executor is not None
-            ):
+            if not self._prepare_node(order, key_of(message), follows=follows and self._executor is not None):
                 continue
             assert self._executor is not None
             place, end = key_of(message), (message.stream.epoch, order.stamp_ns)
@@ -159,12 +157,14 @@ class _Replay:
                     return divergence, end
         return None, end
 
-    def _prepare_node(self, order: Order, epoch: int, *, follows: bool) -> bool:
+    def _prepare_node(self, order: Order, key: Key, *, follows: bool) -> bool:
         """Have a node for a batch of the order; return False if it does not show where to begin."""
         hand_over = decode_any(HandOver, order.hand_over) if order.hand_over else None
         if follows and (hand_over is None or not self._was_replaced(hand_over)):
             return True
-        begins = bool(order.source) and order.sources[order.source[0]] == Transition.ACTIVATE
+        epoch, sequence = key
+        first = bool(order.source) and order.sources[order.source[0]]
+        begins = sequence == 1 and first == Transition.ACTIVATE  # a later one has a state from before
         if hand_over is None and not begins:
             return False
         spec = msgspec.structs.replace(self._spec, epoch=epoch)
