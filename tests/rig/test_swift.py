@@ -134,8 +134,13 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
     assert done.returncode == 0, done.stderr
     ends = [row for row in read_rows(out) if row.verdict == "decided"]
     assert len(ends) == 3
-    assert any(length_s(row) < WHOLE_S - 0.2 for row in ends)
+    said = by_topic(tmp_path / "bag")
+    decided_ns = [one.log_ns for one in said["/estimator/outlook"] if one.value.verdict == "decided"]
+    for row in ends:  # a slow machine decides late: what was decided in time ends the sweep, and nothing else
+        first_ns = min((ns for ns in decided_ns if row.start_ns <= ns), default=row.end_ns)
+        spare_s = WHOLE_S - (first_ns - row.start_ns) * 1e-9
+        assert length_s(row) < WHOLE_S - 0.2 or spare_s < 0.5
+        assert length_s(row) >= WHOLE_S - 0.2 or first_ns <= row.end_ns
     again = reanalyse(read_sweeps(out), SWIFT)
     assert [trial.estimate_m for trial in again.trials] == [row.estimate_m for row in ends]
-    with Bag(tmp_path / "bag") as bag:
-        assert list(bag.messages(["/safety/trip"] if "/safety/trip" in bag.topics() else [])) == []
+    assert "/safety/trip" not in said
