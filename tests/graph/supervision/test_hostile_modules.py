@@ -59,7 +59,7 @@ LOOPS = {
         "nodes/odd.py:5: ",
     ),
     "has ended its watch": (
-        "import faulthandler\nfaulthandler.cancel_dump_traceback_later()\nwhile True: pass",
+        "import signal\nsignal.setitimer(signal.ITIMER_REAL, 0)\nwhile True: pass",
         "importing this",
     ),
 }

@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
-from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspected
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.process.channel import ChannelMessage
@@ -39,10 +38,7 @@ OUTPUT_BYTES = 1 << 16
 """What is kept of the end of its output."""
 NOT_STARTED = 256
 """Added to the error's number it is the status: no process ends with one as high."""
-_TIMEOUT = re.compile(r"Timeout \([\d:.]+\)!$", re.MULTILINE)  # behind a line that was not ended, too
-_TRACE = re.compile(
-    rf"(?:Fatal Python error|{_TIMEOUT.pattern}).*?most recent call first", re.DOTALL | re.MULTILINE
-)
+_TRACE = re.compile(r"(?:Fatal Python error.*?|Stack )\(most recent call first", re.DOTALL)
 _FRAME = re.compile(r'File "([^"]+)", line (\d+)')
 
 ToRun = Literal["forked", "composed", "nowhere"]
@@ -106,7 +102,7 @@ class Inspection:
 
     @property
     def timed_out(self) -> bool:
-        return self.killed or _TIMEOUT.search(self.output) is not None
+        return self.killed or self.status == -signal.SIGALRM
 
     def _frames(self) -> list[tuple[str, str]]:
         """Return file and line of each call, if it crashed or its time was over."""
@@ -145,15 +141,13 @@ class _ImportWatch:
     def __init__(self, request: InspectClasses, send: Callable[[ChannelMessage], None]) -> None:
         self._request, self._send = request, send
         self._seen = set[str]()
-        self._renewed_ns = 0
-        self._output = os.dup(2)  # the module may put something else in the place of sys.stderr
+        output = os.dup(2)  # the module may put something else in the place of sys.stderr
+        # The thread that imports writes its own trace: another one would read frames that change meanwhile.
+        faulthandler.register(signal.SIGALRM, file=output, all_threads=False, chain=True)
 
     def renew(self) -> None:
         """Let the process end itself, with a back-trace, when nothing more happens."""
-        now_ns, timeout_s = monotonic_ns(), self._request.timeout_s
-        if now_ns - self._renewed_ns > timeout_s * 1e8:  # a tenth of it; each renewal costs a thread
-            self._renewed_ns = now_ns
-            faulthandler.dump_traceback_later(timeout_s, exit=True, file=self._output)
+        signal.setitimer(signal.ITIMER_REAL, self._request.timeout_s)
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
         """Take note of a module, and leave the search to others."""
