@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import fcntl
+import json
 import os
 import stat
 import threading
@@ -78,13 +79,15 @@ def whole_file(
 def write_whole(
     path: Path, content: str | bytes, *, mode: int = 0o666, durable: bool = False, new: bool = False
 ) -> None:
-    """Write a file; text becomes UTF-8. The arguments are those of :func:`whole_file`.
+    """Write a file; text becomes UTF-8, a character that has none, as of a foreign file name, its escape.
+
+    The other arguments are those of :func:`whole_file`.
 
     Raises:
         OSError: It cannot be written.
     """
     with whole_file(path, mode=mode, durable=durable, new=new) as file:
-        file.write(content.encode() if isinstance(content, str) else content)
+        file.write(content.encode(errors="backslashreplace") if isinstance(content, str) else content)
 
 
 def write_json(path: Path, value: Any, *, mode: int = 0o666) -> None:
@@ -93,7 +96,21 @@ def write_json(path: Path, value: Any, *, mode: int = 0o666) -> None:
     Raises:
         OSError: It cannot be written.
     """
-    write_whole(path, msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n", mode=mode)
+    write_whole(path, encode_json(value, indent=1) + b"\n", mode=mode)
+
+
+def encode_json(value: Any, indent: int = 0) -> bytes:
+    r"""Return a value as JSON; NaN and infinity, which JSON lacks, become null.
+
+    >>> encode_json({"file": "t\udcff.csv", "rate_hz": float("nan")})
+    b'{"file": "t\\udcff.csv", "rate_hz": null}'
+    """
+    try:
+        data = msgspec.json.encode(value)
+        return msgspec.json.format(data, indent=indent) if indent else data
+    except UnicodeEncodeError:  # the name of a file that is not UTF-8
+        plain = json.loads(json.dumps(msgspec.to_builtins(value)), parse_constant=lambda _: None)
+        return json.dumps(plain, indent=indent or None).encode()
 
 
 @contextlib.contextmanager

@@ -92,7 +92,8 @@ def main() -> None:
         note(text)
         sys.exit(2)
     except UnicodeEncodeError as error:
-        note(f"{error.object!r} is not UTF-8 text; write it as such")
+        wrong = error.object[max(0, error.start - 20) : error.end + 20]
+        note(f"{wrong!r} is not UTF-8 text; write it as such")
         sys.exit(2)
     except OSError as error:  # a disk that is full, a folder that is gone: no fault of the program
         where = f"{error.filename}: " if error.filename else ""

@@ -51,14 +51,9 @@ def print_text(text: str) -> None:
 
 def print_json(value: Any) -> None:
     """Write a value as one line of JSON; NaN and infinity, which JSON lacks, become null."""
-    import msgspec
+    from palp_core.whole_file import encode_json
 
-    try:
-        text = msgspec.json.encode(value).decode()
-    except UnicodeEncodeError:  # the name of a file that is not UTF-8
-        plain = json.dumps(msgspec.to_builtins(value))
-        text = json.dumps(json.loads(plain, parse_constant=lambda _: None))
-    print_text(text)
+    print_text(encode_json(value).decode())
 
 
 def show(value: Any, lines: Iterable[str], *, as_json: bool) -> None:

@@ -104,7 +104,7 @@ def test_import_shows_what_is_used_and_where_it_stands(recording: tuple[Path, Pa
 
 
 def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
-    root, out = tmp_path / "study", tmp_path / "out"
+    root, out = tmp_path / "study \udcff", tmp_path / "out"  # bytes that are not UTF-8
     for number, name in enumerate(("s1", "s2")):
         mvc, trial = subject(number)
         write(root / name / "mvc.npz", mvc)
@@ -113,14 +113,18 @@ def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
     holed = subject(0)[1].copy()
     holed[:, 3000:3300] = np.nan
     write(root / "s1" / "training" / "02.npz", holed)
-    (root / "s2" / "training" / "02.csv").write_text("no numbers\n")
+    (root / "s2" / "training" / "02\udcff.csv").write_text("no numbers\n")
     result = run("analyse", root, "--fs", 1500, "--out", out, "--json")
     assert result.exit_code == 1
     found = json.loads(result.stdout)
     assert [(one["subject"], one["phase"], one["trial"]) for one in found["trials"]] == [
         (name, phase, number)
         for name in ("s1", "s2")
-        for phase, number in (("estimation", "01"), ("training", "01"), ("training", "02"))
+        for phase, number in (
+            ("estimation", "01"),
+            ("training", "01"),
+            ("training", "02" if name == "s1" else "02\udcff"),
+        )
     ]
     assert "lost_samples" in found["trials"][2]["flags"]
     assert "no table" in found["trials"][5]["error"]
@@ -128,7 +132,7 @@ def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
     assert len(list(csv.DictReader((out / "quality.csv").read_text().splitlines()))) == 6
     page = (out / "quality.html").read_text()
     assert "lost_samples" in page
-    assert "s2" in page
+    assert r"02\udcff" in page
 
 
 def bag_of(folder: Path, blocks: list[EmgBlock]) -> Path:
