@@ -119,6 +119,21 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
         "the time column 0 'X' [s]",
     ),
     "dates": (
+    "line ends in quoted headings": (
+        table(1e3 * TIMES_S, *1e6 * EMG, heading='"time\n(ms)","FDS\n\n(uV)","EDC\n(uV)"'),
+        {},
+        "the time column 0 'time' [ms]",
+    ),
+    "a line end in a quoted number": (
+        table(TIMES_S, *EMG).replace("\n0.2,", '\n"0.2\n",'),
+        {},
+        TIME,
+    ),
+    "two time columns that agree": (
+        table(TIMES_S, 1e3 * TIMES_S, *EMG, heading="time_s,time_ms,fds,edc"),
+        {},
+        "the time column 1 'time_ms' [ms]",
+    ),
         table(seconds(TIMES_S, "2024-03-30T"), *EMG, heading="when,fds,edc"),
         {},
         "the time column 0 'when' [s]",
@@ -300,6 +315,26 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
         "no unit, gives 1000 Hz, but --fs 1500 Hz",
     ),
     "a time that goes back": (
+    "two times": (
+        table(TIMES_S, 2.0 * TIMES_S, *EMG, heading="time_s,time_s,fds,edc"),
+        {},
+        r"column 1 'time_s' \[s\] gives 500 Hz, but the time column 0 'time_s' \[s\] 1000 Hz",
+    ),
+    "milliseconds as seconds": (
+        table(1e3 * TIMES_S, *EMG),
+        {},
+        r"column 0 'time_s' \[s\] gives 1 Hz, at which no EMG is sampled",
+    ),
+    "a quote that never closes": (
+        table(TIMES_S, *EMG).replace("\n0.2,", '\n"0.2,'),
+        {},
+        "line 202: a quote opens a cell that never ends",
+    ),
+    "a line end in a quoted word": (
+        table(TIMES_S, *EMG, [""] * N, heading="time_s,fds,edc,").replace("\n0.2,", '\n"a\nb",'),
+        {},
+        "line 202: not a row of 4 numbers, 'a b' is none",
+    ),
         table(np.r_[TIMES_S[:200], TIMES_S[:200]], *EMG),
         {},
         "line 202: the time in column 0 'time_s' .* goes back from 0.199 to 0;",
@@ -454,7 +489,7 @@ def test_gaps_of_the_time_are_lost_samples(tmp_path: Path, times_s: np.ndarray) 
     found = read(path)
     assert found.samples.shape == (2, N)
     assert np.flatnonzero(np.isnan(found.samples[0])).tolist() == list(range(100, 150))
-    assert "the times have gaps: 50 of 400 samples count as lost" in found.notes
+    assert "the times have gaps: 50 of 400 samples count as lost, 50 after line 101" in found.notes
 
 
 def test_a_decimal_comma_that_comes_late_is_one(tmp_path: Path) -> None:

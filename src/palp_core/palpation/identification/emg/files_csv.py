@@ -42,6 +42,10 @@ _PROBE = 5  # lines that must be numbers, to be the begin of the table
 _PREAMBLE = 200  # lines among which it begins
 _FOOTER = 10  # lines that may follow it
 _SHOWN = 60  # characters of a line that is quoted
+_QUOTED = re.compile(
+    r'(?:^|[,;\t|]) *"(?:[^"]|"")*(?:"(?!")|(?P<open>$))'
+)  # a cell in quotes, and one that goes on
+_LONGEST_CELL = 20  # lines
 
 _Parser = Callable[[str], float]
 _Line = tuple[int, str]
@@ -120,8 +124,24 @@ def _lines(path: Path) -> tuple[list[_Line], list[str]]:
         raise PalpError(f"{path}: UTF-16 without its mark, UTF-32, or no text; save it as UTF-8")
     if whole[-1:] not in ("", "\n", "\r"):
         notes.append("the last line has no end; it may be cut")
-    lines = io.StringIO(whole, newline=None)  # a form feed ends no line
-    return [(i, line.rstrip("\n")) for i, line in enumerate(lines, 1) if line.strip()], notes
+    found, opened = list[_Line](), False
+    for i, line in enumerate(io.StringIO(whole, newline=None), 1):  # a form feed ends no line
+        if opened:  # within a quoted cell
+            begin, text = found.pop()
+            found.append((begin, f"{text} {line.strip()}"))
+        elif line.strip():
+            found.append((i, line.rstrip("\n")))
+        else:
+            continue
+        if '"' in line:
+            opened = any(cell["open"] is not None for cell in _QUOTED.finditer(found[-1][1]))
+        if opened and i - found[-1][0] == _LONGEST_CELL:
+            break
+    if opened:
+        raise PalpError(
+            f"{path}: line {found[-1][0]}: a quote opens a cell that never ends; close or remove it"
+        )
+    return found, notes
 
 
 def _clock() -> _Parser:

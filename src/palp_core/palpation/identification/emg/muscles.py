@@ -1,5 +1,6 @@
 """Which columns are the muscles, and at which rate: as chosen, or as the file states it, never by a guess."""
 
+import contextlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,8 @@ _PATTERNS = (
 )
 _COUNTER = re.compile(r"(sample|index|counter)(s|[\W_]*(n|no|nr|number|index|counter))?\.?", re.IGNORECASE)
 _RATES_HZ = (100.0, 20e3)  # EMG is sampled within; what a time without a unit has to give as seconds
+_GAPS_SHOWN = 5
+_POSSIBLE_HZ = (10.0, 100e3)  # no EMG has a rate outside
 _LEAST_COUNTED = 8  # samples; a muscle does not rise as long without falling
 
 _MOST = 1e12  # in any unit; its square is a number
@@ -118,15 +121,17 @@ def choose_muscles(file: EmgFile, options: ImportOptions) -> Muscles:
     """
     indices, columns_from = _choose(file, options)
     columns = [_finite(file, index) for index in indices]
-    clocks = [_clock(file, index, indices) for index in indices]
-    rate_hz, rate_from = _rate(file, columns, clocks, options.fs_hz)
+    found = [_clocks(file, index, indices) for index in indices]
+    clocks = [one[0] if one else None for one in found]
+    rate_hz, rate_from = _rate(file, columns, [clock for one in found for clock in one], options.fs_hz)
     factors, unit, unit_from, notes = _unit(file, columns, options.unit)
     if len(indices) == 1:
         notes = [*notes, "one muscle only: what is called co-contraction is its own activity"]
     samples = _on_grid(file, columns, clocks) * np.array(factors)[:, None]
     lost = samples.shape[1] - max(one.samples.size for one in columns)
     if lost > 0:
-        notes = [*notes, f"the times have gaps: {lost} of {samples.shape[1]} samples count as lost"]
+        text = f"the times have gaps: {lost} of {samples.shape[1]} samples count as lost"
+        notes = [*notes, text + _gaps(file, clocks)]
     return Muscles(
         file,
         indices,
@@ -159,7 +164,9 @@ def strength(samples: Float64Array) -> Float64Array:
 def _choose(file: EmgFile, options: ImportOptions) -> tuple[tuple[int, ...], str]:
     """Return the columns of flexor and extensor (or of one muscle), and how they were chosen."""
     times = _times(file)
-    signals = [i for i, one in enumerate(file.columns) if i not in times and _may_be_emg(one)]
+    signals = [
+        i for i, one in enumerate(file.columns) if i not in times and one.samples.size and _may_be_emg(one)
+    ]
     alone = (options.edc or "").lower() == "none"
     words = (options.fds, None if alone else options.edc)
     chosen = [_index(file, word, f"--{name}") for word, name in zip(words, MUSCLES, strict=True)]
@@ -217,7 +224,7 @@ def _finite(file: EmgFile, index: int) -> Column:
 
 
 def _listed(file: EmgFile) -> str:
-    return ", ".join(map(file.label, range(len(file.columns))))
+    return ", ".join(file.label(i) for i, one in enumerate(file.columns) if one.samples.size)
 
 
 def _twice(file: EmgFile) -> str:
@@ -266,34 +273,58 @@ class _Clock:
         return "counts samples" if self.counts else f"states no unit ({', '.join(SECONDS)})"
 
 
-def _clock(file: EmgFile, index: int, muscles: Sequence[int]) -> _Clock | None:
-    """Return the time of a muscle: the format's, else the nearest time column on its left, else the first."""
+def _clocks(file: EmgFile, index: int, muscles: Sequence[int]) -> list[_Clock]:
+    """Return the time of a muscle: the format's, else the nearest time column on its left, else the first.
+
+    Those right before it that state a unit follow: they must give the same rate.
+    """
     column = file.columns[index]
-    times_s, name, counts = column.times_s, "", False
-    unit_s: float | None = 1.0
-    if times_s is None:
-        times = [i for i in _times(file) if i not in muscles]
-        fits = [i for i in times if file.columns[i].samples.size == column.samples.size]
-        clocks = [i for i in fits if not _COUNTER.fullmatch(file.columns[i].name)] or fits
-        if not clocks:
-            return None
-        at = max((i for i in clocks if i < index), default=clocks[0])
-        times_s, name = file.columns[at].samples, file.label(at)
-        unit_s = SECONDS.get(file.columns[at].unit)
-        counts = _COUNTER.fullmatch(file.columns[at].name) is not None
-    there = np.flatnonzero(np.isfinite(times_s) | np.isfinite(column.samples))
+    if column.times_s is not None:
+        return [_clock(file, column, column.times_s, "")]
+    times = [i for i in _times(file) if i not in muscles]
+    fits = [i for i in times if file.columns[i].samples.size == column.samples.size]
+    usable = [i for i in fits if not _COUNTER.fullmatch(file.columns[i].name)] or fits
+    if not usable:
+        return []
+    at = max((i for i in usable if i < index), default=usable[0])
+    found = [_clock(file, column, file.columns[at].samples, file.label(at), file.columns[at])]
+    while (at := at - 1) in usable:
+        with contextlib.suppress(PalpError):
+            if file.columns[at].unit in SECONDS:
+                found.append(_clock(file, column, file.columns[at].samples, file.label(at), file.columns[at]))
+    return found
+
+
+def _clock(
+    file: EmgFile, muscle: Column, times: Float64Array, name: str, column: Column | None = None
+) -> _Clock:
+    """Return a muscle's time by the format's times, or by a column and its label."""
+    there = np.flatnonzero(np.isfinite(times) | np.isfinite(muscle.samples))
     try:
-        timing = time_samples(times_s[: int(there[-1]) + 1])
+        timing = time_samples(times[: int(there[-1]) + 1])
     except TimeFault as fault:
-        whose = f"in column {name}" if name else f"of {column.name}"
+        whose = f"in column {name}" if name else f"of {muscle.name}"
         raise PalpError(
             f"{file.path}: {file.place(fault.sample)}: the time {whose} {fault}; correct it, or split there"
         ) from fault
-    return _Clock(name, timing, unit_s, counts)
+    if column is None:
+        return _Clock(name, timing, 1.0, counts=False)
+    return _Clock(name, timing, SECONDS.get(column.unit), counts=bool(_COUNTER.fullmatch(column.name)))
+
+
+def _gaps(file: EmgFile, clocks: Sequence[_Clock | None]) -> str:
+    """Return the largest gaps and their places; empty where one muscle alone began or ended early."""
+    lost: dict[int, int] = {}
+    for clock in clocks:
+        missing = np.diff(clock.timing.places) - 1 if clock else np.zeros(0, int)
+        lost |= {int(at): int(missing[at]) for at in np.flatnonzero(missing)}
+    largest = sorted(sorted(lost, key=lambda at: -lost[at])[:_GAPS_SHOWN])
+    shown = [f"{lost[at]} after {file.place(at)}" for at in largest]
+    return "".join(f", {one}" for one in (shown if len(lost) <= _GAPS_SHOWN else [*shown, "..."]))
 
 
 def _rate(
-    file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock | None], fs_hz: float | None
+    file: EmgFile, columns: Sequence[Column], clocks: Sequence[_Clock], fs_hz: float | None
 ) -> tuple[float, str]:
     """Return the rate and its source; all statements of it must agree."""
     fields = [(file.rate_from, one.rate_hz) for one in columns if one.rate_hz is not None]
@@ -301,12 +332,11 @@ def _rate(
     own: list[tuple[str, float]] = []
     timed: list[tuple[str, float]] = []
     for clock in clocks:
-        claim = _claim(clock, [hz for _, hz in fields]) if clock else None
-        if clock and claim:
+        if claim := _claim(clock, [hz for _, hz in fields]):
             (timed if clock.name else own).append(claim)
     claims = [*timed, *fields, *own]
     if not claims:
-        silent = [f"the time column {one.name} {one.silent}" for one in clocks if one]
+        silent = [f"the time column {one.name} {one.silent}" for one in clocks]
         hints = "".join(f"; {hint}" for hint in (*dict.fromkeys(silent), *file.hints))
         raise PalpError(
             f"{file.path}: no time column and no field states the sampling rate{hints}; state it with --fs"
@@ -317,6 +347,10 @@ def _rate(
             raise PalpError(
                 f"{file.path}: {where} gives {rate_hz:.6g} Hz, but {other} {hz:.6g} Hz; correct one"
             )
+    if not _POSSIBLE_HZ[0] <= rate_hz <= _POSSIBLE_HZ[1]:
+        raise PalpError(
+            f"{file.path}: {where} gives {rate_hz:.6g} Hz, at which no EMG is sampled; correct it"
+        )
     return rate_hz, where
 
 
