@@ -37,10 +37,10 @@ WHEEL = "{url}/pyproject.toml"
         ({"dir_info": {"editable": True}}, True, "pip install --editable '{folder}[emg]'"),
         ({"archive_info": {}, "url": WHEEL}, True, f"pip install 'palp-core[emg] @ {WHEEL}'"),
         ({"archive_info": {}, "url": "https://lab/p.whl"}, False, "pip install 'palp-core[emg] @ https://lab/p.whl'"),
-        ({"dir_info": {}}, False, "pip install 'edfio>=0.4' 'pyxdf>=1.16'"),
-        ({"archive_info": {}}, True, "pip install 'edfio>=0.4' 'pyxdf>=1.16'"),
-        ({"vcs_info": {}}, True, "pip install 'edfio>=0.4' 'pyxdf>=1.16'"),
-        (None, True, "pip install 'edfio>=0.4' 'pyxdf>=1.16'"),
+        ({"dir_info": {}}, False, "pip install 'pyxdf>=1.16' 'pylsl>=1.16'"),
+        ({"archive_info": {}}, True, "pip install 'pyxdf>=1.16' 'pylsl>=1.16'"),
+        ({"vcs_info": {}}, True, "pip install 'pyxdf>=1.16' 'pylsl>=1.16'"),
+        (None, True, "pip install 'pyxdf>=1.16' 'pylsl>=1.16'"),
     ],
 )  # fmt: skip
 def test_an_extra_comes_from_where_palp_came_from_or_is_named_by_what_it_needs(
@@ -55,8 +55,8 @@ def test_an_extra_comes_from_where_palp_came_from_or_is_named_by_what_it_needs(
     found = SimpleNamespace(read_text=lambda _: origin)
     needs = [
         "msgspec>=0.18",
-        'edfio>=0.4; extra == "emg"',
-        "pyxdf>=1.16; extra == 'emg'",
+        'pyxdf>=1.16; extra == "emg"',
+        "pylsl>=1.16; extra == 'emg'",
         "pyarrow; extra == 'parquet'",
     ]
     monkeypatch.setattr("importlib.metadata.distribution", lambda _: found)

@@ -13,7 +13,6 @@ _EXTRA_OF = {
     "rclpy": "ros2",
     "pyarrow": "parquet",
     "pylsl": "emg",
-    "edfio": "emg",
     "pyxdf": "emg",
     "distributed": "dask",
     "foxglove": "foxglove",

@@ -1,5 +1,6 @@
 import csv
 import io
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -118,7 +119,6 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
         {},
         "the time column 0 'X' [s]",
     ),
-    "dates": (
     "line ends in quoted headings": (
         table(1e3 * TIMES_S, *1e6 * EMG, heading='"time\n(ms)","FDS\n\n(uV)","EDC\n(uV)"'),
         {},
@@ -134,6 +134,7 @@ READ: dict[str, tuple[str | bytes, dict[str, Any], str]] = {
         {},
         "the time column 1 'time_ms' [ms]",
     ),
+    "dates": (
         table(seconds(TIMES_S, "2024-03-30T"), *EMG, heading="when,fds,edc"),
         {},
         "the time column 0 'when' [s]",
@@ -314,7 +315,6 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
         {"fs": 1500.0},
         "no unit, gives 1000 Hz, but --fs 1500 Hz",
     ),
-    "a time that goes back": (
     "two times": (
         table(TIMES_S, 2.0 * TIMES_S, *EMG, heading="time_s,time_s,fds,edc"),
         {},
@@ -335,6 +335,7 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
         {},
         "line 202: not a row of 4 numbers, 'a b' is none",
     ),
+    "a time that goes back": (
         table(np.r_[TIMES_S[:200], TIMES_S[:200]], *EMG),
         {},
         "line 202: the time in column 0 'time_s' .* goes back from 0.199 to 0;",
@@ -717,14 +718,14 @@ def test_what_fills_up_the_last_record_is_no_signal(tmp_path: Path, wide: bool) 
     assert read_emg(path).notes == ()
 
 
-def test_triggers_of_a_bdf_are_no_column_and_muscles_are_chosen_by_index(tmp_path: Path) -> None:
+def test_triggers_of_a_bdf_are_no_muscle(tmp_path: Path) -> None:
     path = tmp_path / "a.bdf"
     others = np.concatenate([EMG, EMG[:1], EMG[:1]])
     labels = {"EMG1+": "uV", "EMG2+": "uV", "ACC X": "g", "Status": "Boolean"}
     path.write_bytes(edf_bytes(1e6 * others, 100, wide=True, labels=labels))
     found = read(path, fds="0", edc="1")
     assert np.abs(found.samples - EMG).max() < 1e-10
-    assert [one.name for one in read_emg(path).columns] == ["EMG1+", "EMG2+", "ACC X"]
+    assert [one.name for one in read_emg(path).columns] == ["EMG1+", "EMG2+", "ACC X", "Status"]
 
 
 @pytest.mark.parametrize("wide", [False, True])
@@ -739,10 +740,11 @@ def test_rates_units_and_annotations_of_a_library_that_writes_both_formats(
     ]
     said = [edfio.EdfAnnotation(1.25, None, "press")]
     (edfio.Bdf if wide else edfio.Edf)(rows, annotations=said).write(path)  # type: ignore[arg-type]
-    fds, acc = read_emg(path).columns
+    fds, acc, texts = read_emg(path).columns
     assert (fds.name, fds.rate_hz, fds.unit, fds.samples.size) == ("EMG FDS", 100.0, "uV", 400)
     assert (acc.name, acc.rate_hz, acc.unit, acc.samples.size) == ("ACC X", 10.0, "", 40)
     assert np.abs(acc.samples - np.linspace(-1.0, 1.0, 40)).max() < (1e-6 if wide else 4e-5)
+    assert (texts.name[4:], texts.samples.size) == ("Annotations", 0)
 
 
 @pytest.mark.parametrize("length", ["512", "9999", "abc", ""])
@@ -762,20 +764,38 @@ def test_digital_limits_of_an_edf_may_have_a_decimal_point(tmp_path: Path) -> No
     assert np.array_equal(read(path).samples, expected)
 
 
-def test_a_cut_edf_keeps_its_whole_records_and_says_so(tmp_path: Path) -> None:
-    path = tmp_path / "a.edf"
-    path.write_bytes(edf_bytes(1e6 * EMG, 100)[:-30])
-    file = read_emg(path)
-    assert file.columns[0].samples.size == 300
-    assert "promises 4 records, the file has 3" in file.notes[0]
-
-
 def damaged(data: bytes, *fields: tuple[int, bytes]) -> bytes:
     """Return a file with other bytes at some places."""
     whole = bytearray(data)
     for at, text in fields:
         whole[at : at + len(text)] = text
     return bytes(whole)
+
+
+TWO = edf_bytes(1e6 * EMG, 100)
+CONTINUOUS = edf_bytes(1e6 * EMG, 100, starts_s=[0.0, 1.0, 2.5, 3.5]).replace(b"EDF+D", b"EDF+C")
+
+
+@pytest.mark.parametrize(
+    ("data", "kept", "words"),
+    [
+        (TWO[:-30], 300, "the header promises 4 records, the file has 3"),
+        (TWO[:-30], 300, "370 bytes after the last whole record left out"),
+        (TWO + b"?", 400, "1 byte after the last whole record left out"),
+        (TWO + bytes(900), 400, "2 records of NUL at the end left out"),
+        (damaged(TWO, (236, b"-1      ")), 400, "the recording was not closed: .* it has 4"),
+        (damaged(TWO, (236, b"2       ")), 400, "the header promises 2 records, the file has 4"),
+        (CONTINUOUS, 400, r"record 2 begins 1\.5 s after the one before, not 1 s"),
+        (CONTINUOUS.replace(b"+2.5", b"+2  ").replace(b"+3.5", b"+3  "), 400, "record 2 has no start time"),
+    ],
+)
+def test_an_edf_that_is_not_what_its_header_promises_is_noted(
+    tmp_path: Path, data: bytes, kept: int, words: str
+) -> None:
+    (tmp_path / "a.edf").write_bytes(data)
+    found = read(tmp_path / "a.edf")
+    assert np.isfinite(found.samples).sum() == 2 * kept
+    assert any(re.search(words, note) for note in found.notes), found.notes
 
 
 THREE = edf_bytes(
@@ -798,6 +818,14 @@ def test_a_signal_that_cannot_be_scaled_is_left_out_of_an_edf(tmp_path: Path, da
     path.write_bytes(data)
     assert np.abs(read(path).samples - EMG).max() < 2e-8
     assert "signal '-' is left out: its range in the header is empty or no number" in read_emg(path).notes
+
+
+def test_a_signal_that_is_left_out_keeps_its_index(tmp_path: Path) -> None:
+    path = tmp_path / "a.edf"
+    path.write_bytes(damaged(THREE, (LIMITS + 8 * 6, b"0       "), (LIMITS + 8 * 9, b"0       ")))
+    assert np.abs(read(path, fds="2", edc="1").samples - EMG).max() < 2e-8
+    with pytest.raises(PalpError, match=r"column 0 'EMG FDS' .* has no finite number"):
+        read(path, fds="0", edc="1")
 
 
 def test_an_edf_padded_with_nul_and_with_names_that_repeat(tmp_path: Path) -> None:
@@ -823,7 +851,8 @@ GAPPED = edf_bytes(1e6 * EMG, 100, starts_s=[0.0, 1.0, 2.5, 3.5])
             damaged(GAPPED, (256 + 32, b"Another signal  ")),
             "without annotations of the records' times",
         ),
-        (GAPPED.replace(b"+2.5\x14", b"nope\x14"), "a record has no start time"),
+        (GAPPED.replace(b"+2.5\x14", b"nope\x14"), "record 2 has no start time"),
+        (GAPPED.replace(b"+2.5\x14", b"+nan\x14"), "record 2 has no start time"),
         (
             GAPPED.replace(b"+2.5\x14", b"+0.5\x14"),
             "sample 200: the time of EMG FDS goes back from 1.99 to 0.5",
@@ -833,6 +862,13 @@ GAPPED = edf_bytes(1e6 * EMG, 100, starts_s=[0.0, 1.0, 2.5, 3.5])
             r"no usable signal \(EMG FDS, EMG EDC, -\)",
         ),
         (THREE[: 256 * 4], "no whole record of positive duration"),
+        (damaged(THREE, (244, b"1,0     ")), r"no whole record of positive duration \('1,0' s\)"),
+        (THREE[:900], "its header of 3 signals is cut"),
+        (damaged(THREE, (252, b"3.5 ")), "damaged header: its number of signals is '3.5'"),
+        (
+            damaged(THREE, (256 + 216 * 3, b"abc     ")),
+            "damaged header: its number of samples of signal 0 is 'abc'; record or copy it again",
+        ),
         (b"1" + THREE[1:], "not an EDF or BDF file"),
     ],
 )

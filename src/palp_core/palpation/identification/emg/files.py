@@ -17,10 +17,10 @@ from palp_core.whole_file import check_regular
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of numbers; its index is its place in the file."""
+    """A column; its index is its place in the file. One that holds no numbers has no samples."""
 
     name: str  # As in the file; two columns may have one name
-    samples: Float64Array  # Shape (n,); NaN where the file has none
+    samples: Float64Array  # Shape (n,); NaN where a number is missing
     unit: str = ""  # Unit that the file states, as plain_unit writes it; empty if it states none
     rate_hz: float | None = None  # Sampling rate by a field of the format; None if it has none
     # Time of each sample, shape (n,), where the format has a clock for it
@@ -124,7 +124,7 @@ def read_emg(path: Path) -> EmgFile:
     if not isinstance(found, EmgFile):  # of another package's reader
         raise PalpError(f"{path}: {readers[suffix]} returned no EmgFile but {type(found).__name__}")
     if not found.columns:
-        raise PalpError(f"{path}: holds no column of numbers")
+        raise PalpError("; ".join([f"{path}: holds no column of numbers", *found.notes]))
     return found
 
 
