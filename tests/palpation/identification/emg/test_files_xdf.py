@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import EmgFile, read_emg
 from palp_core.palpation.identification.emg.muscles import ImportOptions, choose_muscles
-from tests.palpation.identification.emg.xdf_writer import XdfStream, chunk, xdf
+from tests.palpation.identification.emg.xdf_writer import XdfStream, chunk, count_of, xdf
 
 RATE_HZ = 1000.0
 N = 2000
@@ -84,8 +85,9 @@ def part(there: Any, **more: Any) -> XdfStream:
         ((part(np.r_[0:600, 1300:N]),), None),
         (
             (part(np.r_[0:600]), part(np.r_[1300:N])),
-            "the outlet of stream 'Noraxon' restarted: one recording with a gap",
+            "the outlet of stream 'Noraxon' restarted: one recording with a gap of 0.701 s at sample 600",
         ),
+        ((part(np.r_[1300:N]), part(np.r_[0:600])), "restarted"),
     ],
 )
 def test_a_gap_is_lost_samples_at_their_place(
@@ -98,10 +100,34 @@ def test_a_gap_is_lost_samples_at_their_place(
     assert not noted or noted in file.notes[0]
 
 
-def test_a_clock_that_went_back_is_noted_and_no_sample_is_lost(tmp_path: Path) -> None:
-    file = read(tmp_path, xdf(emg(times_s=np.r_[TIMES_S[:800], TIMES_S[800:] - 5.0])))
-    assert np.allclose(samples_uv(file), EMG_UV.T)
-    assert "the clock of stream 'Noraxon' goes back by 4.999 s at sample 800" in file.notes[0]
+LONG = 40
+LONG_S = 7.0 + np.arange(LONG * N) / RATE_HZ
+LONG_UV = np.tile(EMG_UV, (LONG, 1))
+LATE_S = np.tile(np.repeat([0.0, 2e-3, 0.0, 9e-3, 1e-3, 0.0, 30e-3, 4e-3], 125), LONG * 2)  # by chunks
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, LATE_S])
+@pytest.mark.parametrize(
+    ("step_s", "lost", "words"),
+    [
+        (0.0, 0, ""),
+        (0.1, 100, "100 of 80100 samples count as lost, 100 after sample 49999"),
+        (-0.3, 0, "the clock of stream 'Noraxon' goes back by 0.3 s at sample 50000"),
+        (-5.0, 0, "the clock of stream 'Noraxon' goes back by 5 s at sample 50000"),
+    ],
+)
+def test_a_step_of_the_clock_in_a_long_recording_is_noted_with_its_place(
+    tmp_path: Path, step_s: float, lost: int, words: str, jitter_s: Any
+) -> None:
+    times_s = LONG_S + jitter_s + np.where(np.arange(LONG * N) < 50_000, 0.0, step_s)
+    found = choose_muscles(
+        read(tmp_path, xdf(emg(samples=LONG_UV, times_s=times_s), per_chunk=1000)), ImportOptions()
+    )
+    samples_uv = 1e6 * found.samples
+    assert np.flatnonzero(np.isnan(samples_uv[0])).tolist() == list(range(50_000, 50_000 + lost))
+    assert np.allclose(samples_uv[:, ~np.isnan(samples_uv[0])], LONG_UV.T)
+    assert words in " ".join(found.notes)
+    assert bool(found.notes) == bool(words)
 
 
 def test_two_streams_of_one_rate_stand_side_by_side_by_their_times(tmp_path: Path) -> None:
@@ -155,6 +181,17 @@ def test_what_follows_the_last_whole_chunk_is_left_out_and_said(tmp_path: Path) 
     assert "cut or damaged after" in file.notes[0]
 
 
+@pytest.mark.parametrize("count", [0, 49, 51, 4_000_000_000])
+def test_a_chunk_that_has_another_number_of_samples_is_left_out(tmp_path: Path, count: int) -> None:
+    whole = xdf(emg())
+    at = whole.index(count_of(50), len(whole) // 2)
+    found = choose_muscles(
+        read(tmp_path, whole[:at] + count_of(count) + whole[at + len(count_of(count)) :]), ImportOptions()
+    )
+    assert np.isnan(found.samples).sum() == 2 * 50
+    assert re.search(rf"1 damaged chunk left out, the first at byte {at - 11}", found.notes[0]), found.notes
+
+
 def test_every_cut_is_a_note_or_an_error_in_words(tmp_path: Path) -> None:
     whole = xdf(MARKERS, emg(samples=EMG_UV[:300], times_s=TIMES_S[:300]))
     for size in [*range(0, 600, 7), *range(600, len(whole), 211)]:
@@ -174,6 +211,16 @@ def test_every_cut_is_a_note_or_an_error_in_words(tmp_path: Path) -> None:
         ((), "has no stream of type EMG"),
         ((emg(kind="EEG", rate_hz=0.0),), "it has: 'Noraxon' (EEG, 2 channels, no rate)"),
         ((emg(rate_hz=0.0),), "is sampled irregularly"),
+        (
+            (emg(rate_hz=float("nan")),),
+            "damaged header of stream 1: nominal_srate is 'nan'; record or copy it",
+        ),
+        ((emg(name=""),), "damaged header of stream 1: name is ''"),
+        ((emg(labels=("<",)),), "damaged header of stream 1: not well-formed"),
+        ((emg(samples=np.zeros((0, 0)), times_s=[]),), "damaged header of stream 1: channel_count is '0'"),
+        ((emg(times_s=[], form="float16"),), "damaged header of stream 1: channel_format is 'float16'"),
+        ((emg(), emg(), part(np.r_[0:9])), "'Noraxon: FDS' is there twice"),
+        ((emg(labels=("FDS", "EDC", "ACC")),), "cannot find the column of the flexor"),
         ((emg(rate_hz=1500.0),), "the nominal rate of the stream gives 1500 Hz, but its time stamps 1000 Hz"),
         ((emg(samples=np.zeros((0, 2)), times_s=[]),), "has no sample"),
         (
