@@ -71,6 +71,14 @@ def test_a_policy_that_is_to_take_over_in_a_trial_that_there_will_not_be_is_name
     assert [words.endswith("never takes over: it has no trials") for words in never] == [True, True]
 
 
+def test_a_stage_or_ring_that_an_emulated_phantom_does_not_follow_is_named(runs: list[RunSummary]) -> None:
+    sim, emulated = runs
+    for node in ("stage", "actuator"):
+        assert advice(changed(sim, node, device="drivers.mine:Mine")) == []
+        (words,) = advice(changed(emulated, node, device="drivers.mine:Mine"))
+        assert words.startswith(f"/{node}: device: drivers.mine:Mine: the emulated phantom follows emulated")
+
+
 def test_the_check_of_a_launch_file_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     checked = check_here(SIM)

@@ -22,7 +22,24 @@ def advice(summary: RunSummary) -> list[str]:
     """Return what in a run its methods have no bound for, or will not happen, and what to do."""
     roles, wall_clock = roles_of(summary), summary.clock == "wall"
     broken = [f"left out: {words}" for words in left_out()]
-    return [*broken, *_speed(roles), *_late(roles, wall_clock=wall_clock), *_too_late_swaps(roles)]
+    late = _late(roles, wall_clock=wall_clock)
+    return [*broken, *_speed(roles), *late, *_too_late_swaps(roles), *_unfelt(roles, summary)]
+
+
+def _unfelt(roles: Roles, summary: RunSummary) -> Iterator[str]:
+    """Yield which device moves without the emulated phantom, which follows emulated devices alone."""
+    heard = summary.listens.get(roles.node.get("phantom", ""), [])
+    if not roles.touch_simulated or any(topic.startswith(f"/{roles.node['stage']}/") for topic in heard):
+        return
+    from palp_core.palpation.devices.emulator import DEVICES
+
+    for role in ("stage", "actuator"):
+        device = roles.params(role).get("device")
+        if device not in DEVICES:
+            yield (
+                f"/{roles.node[role]}: device: {device}: the emulated phantom follows emulated devices alone "
+                f"({', '.join(DEVICES)}): what this one does changes no torque"
+            )
 
 
 def _too_late_swaps(roles: Roles) -> Iterator[str]:
