@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
 import pywt
 from scipy.stats import t as student_t
@@ -25,7 +23,6 @@ from palp_core.palpation.session.plan_repeatability import CONDITIONS
 from palp_core.palpation.session.reanalysis import Methods, readings
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.units import Float64Array
-from palp_core.whole_file import write_json
 
 _GAUSSIAN_MAD = 0.6744897501960817
 
@@ -33,7 +30,6 @@ _GAUSSIAN_MAD = 0.6744897501960817
 @dataclass(frozen=True, eq=False)
 class Repeatability:
     noise: RigNoise  # the components, as simulation and filter load them
-    blocks: tuple[Block, ...]  # readings behind them, N m
     ring_slope: dict[float, float]  # change of the reading per metre of the ring, N m/m, by ring
     height_slope: float  # the same per metre of height, at the ring of the mountings
     sweep_count: int
@@ -84,7 +80,7 @@ def measure_repeatability(session: RecordedSweeps, *, scene: Scene | None = None
             f"{used.path.indentation_m * 1e3:g} mm"
         ),
     )
-    return Repeatability(noise, tuple(blocks), slopes, next(iter(height.values()), 0.0), len(sweeps))
+    return Repeatability(noise, slopes, next(iter(height.values()), 0.0), len(sweeps))
 
 
 def _groups(
@@ -132,20 +128,10 @@ def sample_noise(sweeps: Sequence[RecordedSweep]) -> Component:
     return Component(value, low, high)
 
 
-def write_repeatability(found: Repeatability, out: Path, unfinished: str = "") -> dict[str, Any]:
-    """Write noise.yaml, repeatability.json and report.html, and return what the JSON holds."""
+def write_repeatability(found: Repeatability, out: Path, unfinished: str = "") -> None:
+    """Write noise.yaml and report.html."""
     out.mkdir(parents=True, exist_ok=True)
     write_noise(found.noise, out / "noise.yaml")
-    record = {
-        "noise": msgspec.to_builtins(found.noise),
-        "ring_slope_n_m_per_m": {f"{ring * 1e3:g}": slope for ring, slope in found.ring_slope.items()},
-        "height_slope_n_m_per_m": found.height_slope,
-        "blocks": [
-            {"cause": b.cause or "sweep", "slope": b.slope, "groups_n_m": [g.tolist() for g in b.groups]}
-            for b in found.blocks
-        ],
-    }
-    write_json(out / "repeatability.json", record)
     write_page(
         out / "report.html",
         "repeatability.html",
@@ -155,7 +141,6 @@ def write_repeatability(found: Repeatability, out: Path, unfinished: str = "") -
         strongest_ring_slope=max(abs(slope) for slope in found.ring_slope.values()),
         height_slope=found.height_slope,
     )
-    return record
 
 
 def repeatability_headline(found: Repeatability) -> str:

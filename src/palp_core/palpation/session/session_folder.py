@@ -36,7 +36,6 @@ OWN_FILES = (
     "report.html",
     "charts",
     "noise.yaml",
-    "repeatability.json",
     CHECKPOINT,
     INTERRUPTED,
 )
