@@ -11,7 +11,6 @@ import typer
 
 from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, show, table_lines
-from palp_core.counted import counted
 
 if TYPE_CHECKING:
     from palp_core.palpation.mechanics.scene.scene import Scene
@@ -122,25 +121,6 @@ def fit(
         ],
         as_json=as_json,
     )
-
-
-@app.command("cache")
-def cache(
-    *,
-    clear: Annotated[bool, option("Remove every set-up.", "--clear")] = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Show or clear the set-ups of contact models kept on disk."""
-    from palp_core.palpation.mechanics.contact import cache as kept
-
-    if clear:
-        count = kept.clear()
-        show({"removed": count}, [f"{counted(count, 'set-up')} removed"], as_json=as_json)
-        return
-    found = kept.info()
-    line = f"{found.path}: {counted(found.entry_count, 'set-up')}, {found.size_bytes / 1e6:.1f} MB"
-    record = {"path": str(found.path), "entries": found.entry_count, "size_bytes": found.size_bytes}
-    show(record, [line], as_json=as_json)
 
 
 def _percent(share: float | None) -> str:

@@ -59,15 +59,6 @@ def test_studies_are_listed_and_an_unknown_one_is_named(tmp_path: Path) -> None:
     assert "there is no study 'contact-magic'" in str(result.exception)
 
 
-def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PALP_CACHE", str(tmp_path / "cache"))
-    told = json.loads(CliRunner().invoke(scene.app, ["cache", "--json"]).output)
-    assert told == {"path": str(tmp_path / "cache"), "entries": 0, "size_bytes": 0}
-    assert "0 set-ups" in CliRunner().invoke(scene.app, ["cache"]).output
-    assert json.loads(CliRunner().invoke(scene.app, ["cache", "--clear", "--json"]).output) == {"removed": 0}
-    assert "0 set-ups removed" in CliRunner().invoke(scene.app, ["cache", "--clear"]).output
-
-
 def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
     nan = float("nan")
     assert pareto_front([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]

@@ -3,7 +3,8 @@
 Entries are files of arrays in ``$PALP_CACHE``, else ``$XDG_CACHE_HOME/palp``, else ``~/.cache/palp``. They
 are written next to their place and renamed into it, so a reader sees a whole entry or none. A lock per entry,
 held by the kernel and thus freed when its holder dies, keeps two processes from computing the same thing. A
-damaged entry is computed again; a place that cannot be written to is done without.
+damaged entry is computed again; a place that cannot be written to is done without. To clear the cache, remove
+the folder.
 """
 
 import contextlib
@@ -12,56 +13,19 @@ import json
 import os
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palp_core.errors import MechanicsError
 from palp_core.user_folders import cache_folder
-from palp_core.whole_file import is_locked, locked_path, whole_file
+from palp_core.whole_file import locked_path, whole_file
 
 Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
 
 _LAYOUT = 1  # changes when entries are laid out differently
 _UNREADABLE = (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile)
-
-
-@dataclass(frozen=True)
-class CacheInfo:
-    """What is in the cache."""
-
-    path: Path  # Its directory
-    entry_count: int  # Number of set-ups kept
-    size_bytes: int  # Their size on disk
-
-
-def info() -> CacheInfo:
-    """Count what the cache holds."""
-    sizes = []
-    for path in cache_folder().glob("*.npz"):
-        with contextlib.suppress(FileNotFoundError):  # another process has cleared it
-            sizes.append(path.stat().st_size)
-    return CacheInfo(cache_folder(), len(sizes), sum(sizes))
-
-
-def clear() -> int:
-    """Remove every entry and return how many there were; entries being computed come back."""
-    count = 0
-    for path in cache_folder().glob("*.npz"):
-        try:
-            path.unlink()
-        except FileNotFoundError:  # another process has cleared it
-            continue
-        except OSError as error:
-            raise MechanicsError(f"{path}: cannot be removed: {error.strerror}") from error
-        count += 1
-    for pattern in ("*.lock", "*.part"):
-        for path in cache_folder().glob(pattern):
-            _remove_idle(path)
-    return count
 
 
 def cached(kind: str, inputs: Mapping[str, float | int | str], compute: Callable[[], Arrays]) -> Arrays:
@@ -118,10 +82,3 @@ def _locked(path: Path) -> Iterator[None]:
             path.parent.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked_path(path, os.O_RDWR | os.O_CREAT))
         yield
-
-
-def _remove_idle(path: Path) -> None:
-    """Remove a lock or an unfinished file that no process holds."""
-    if not is_locked(path):
-        with contextlib.suppress(OSError):
-            path.unlink()
