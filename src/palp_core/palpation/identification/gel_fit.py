@@ -22,6 +22,8 @@ _EDGE = 50  # samples on either side of a cubic's middle (Savitzky and Golay, 19
 _NOISE_GAIN = 0.15  # the root sum of its squared weights there
 _POINT_STEP_M = 0.002
 _LEAST_RING_M = 1e-3  # with next to no spring torque, its sign is that of the ring's error
+_RING_SD_M = 0.3e-3 / 3.0**0.5  # about its target: the data sheet's +-0.3 mm, all alike
+_HEIGHT_SD_M = 1e-4  # of a phantom over mountings (assumed)
 _NUMERICS_N_M = 2e-6  # error of the tables' interpolation (assumed)
 _LOW, _HIGH = np.array([np.log(1e3), 0.01]), np.array([np.log(2e5), 1.5])  # ln(modulus in Pa), friction
 
@@ -35,13 +37,7 @@ class GelFit:
     misfit: float  # chi^2 over its degrees of freedom; above 1, the intervals are wider by its root
 
 
-def fit_gel(
-    sessions: Sequence[RecordedSweeps],
-    scene: Scene,
-    *,
-    ring_sd_m: float = 0.3e-3 / 3.0**0.5,
-    height_sd_m: float = 1e-4,
-) -> GelFit:
+def fit_gel(sessions: Sequence[RecordedSweeps], scene: Scene) -> GelFit:
     """Fit modulus and friction to the sweeps of training and of ``plan:=repeatability``.
 
     Each mounting's height is fitted, too; errors of ring and contact model (its bound) are in the covariance.
@@ -49,8 +45,6 @@ def fit_gel(
     Args:
         sessions: Recorded sweeps.
         scene: What is not fitted, the stage's path as it ran included; and where the search starts.
-        ring_sd_m: Of a ring's position about its target (by default the data sheet's +-0.3 mm, all alike).
-        height_sd_m: Of a phantom's height over mountings (assumed).
 
     Raises:
         PalpError: No sweep is of a known phantom, or sweeps of a cell differ in length or are short.
@@ -71,7 +65,7 @@ def fit_gel(
         return np.concatenate(curves)
 
     def residuals(x: Float64Array, root: Float64Array) -> Float64Array:
-        heights = (np.exp(x[2:]) - scene.path.indentation_m) / height_sd_m
+        heights = (np.exp(x[2:]) - scene.path.indentation_m) / _HEIGHT_SD_M
         return np.concatenate([solve_triangular(root, torque(x) - measured, lower=True), heights])
 
     def each(values: Sequence[float]) -> Float64Array:
@@ -86,7 +80,7 @@ def fit_gel(
     steps = np.full(x.size, 1e-3)  # longer than the tables' interpolation is off
     for _ in range(2):  # the first round's covariance is of the scene as given
         given = torque(x)
-        ring = torque(x, ring_sd_m) - given
+        ring = torque(x, _RING_SD_M) - given
         model = model_bounds / 3.0**0.5 * given  # half a flat law's width
         covariance = np.diag(each([cell.sd_n_m for cell in cells]) ** 2)
         covariance += np.equal.outer(number, number) * np.outer(ring, ring)
