@@ -22,11 +22,9 @@ from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import own_codes, seal
 from palp_core.palpation.session.audit import decide, decisions
 from palp_core.palpation.session.session_folder import link_latest
-from palp_core.palpation.studies.parallel import Checkpoint
 from palp_core.whole_file import write_whole
 
 PROCESSES, ROUNDS = 8, 3
-LONG = "x" * 100_000
 
 
 def audit(folder: Path, number: int) -> None:
@@ -63,10 +61,6 @@ def runs(folder: Path, number: int) -> str:
         run = RunDirectory("graph")
     run.release()
     return run.path.name
-
-
-def lines(folder: Path, number: int) -> None:
-    Checkpoint(folder / "results/jobs.jsonl").add(number, LONG)
 
 
 def entry(folder: Path, number: int) -> str:
@@ -125,11 +119,6 @@ def all_the_same(folder: Path, found: list[str]) -> bool:
     return len(set(found)) == 1
 
 
-def all_lines(folder: Path, found: list[str]) -> bool:
-    kept = Checkpoint(folder / "results/jobs.jsonl")
-    return all(kept[number] == LONG for number in range(PROCESSES))
-
-
 def a_whole_page(folder: Path, found: list[str]) -> bool:
     text = (folder / "page.html").read_text()
     return len(text) == 100_000 and len(set(text)) == 1 and [*folder.glob(".*.part")] == []
@@ -148,7 +137,6 @@ MAKERS: list[tuple[Callable[[Path, int], Any], Callable[[Path, list[str]], bool]
     (sources, one_source),
     (bag, one),
     (runs, all_different),
-    (lines, all_lines),
     (entry, all_the_same),
     (whole, a_whole_page),
     (latest, a_link),

@@ -25,7 +25,7 @@ from palp_core.palpation.studies.paper.statistics import (
     iterations,
     least_share,
 )
-from palp_core.palpation.studies.paper.study import PaperSize, paper_sessions, results
+from palp_core.palpation.studies.paper.study import paper_sessions, results
 from palp_core.palpation.studies.parallel import Runner
 from palp_core.palpation.studies.plan import Conditions, Gel
 from palp_core.palpation.studies.schemes import POLICIES
@@ -43,7 +43,7 @@ def run_few(folder: Path, scene_sessions: int) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         if not scene_sessions:
             render_nothing(patch)
-        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, 0, trials=6))
+        patch.setattr(paper_study, "QUICK", (2, scene_sessions, 0, 6))
         patch.setattr(paper_study, "why_report", lambda *_: {"hypotheses": {"H1": "one"}, "cells": [WHY]})
         page = study("paper").run(folder, quick=True)
     assert page == folder / "index.html"

@@ -3,7 +3,6 @@
 import contextlib
 import importlib
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,12 +13,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from palp_core import palpation
 from palp_core.cli.rig.study import app
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.studies.catalogue import STUDIES, Study
-from palp_core.palpation.studies.parallel import Checkpoint, progress, read_lines, source_digest
-from palp_core.whole_file import append_whole
+from palp_core.palpation.studies.parallel import progress
 
 PATIENCE_S = 240.0
 
@@ -27,9 +24,7 @@ TOY = """
 import multiprocessing, os, threading
 from dataclasses import dataclass
 from pathlib import Path
-from palp_core import palpation
-from palp_core.graph.clock import monotonic_ns
-from palp_core.palpation.studies.parallel import Checkpoint, Runner
+from palp_core.palpation.studies.parallel import Runner
 
 HERE = Path(os.environ["TOY"])
 wait = threading.Event().wait
@@ -49,18 +44,16 @@ def work(job):
         file.write(f"{job.number}\\n")
     if job.number >= int(os.environ["TOY_DONE"]):
         wait()
-    return {"square": job.number**2, "nothing": float("nan")}
+    return job.number**2
 
 
 def run(out, *, quick, workers, dask):
-    kept = Checkpoint(out / "cells.jsonl")
-    jobs = [Job(n) for n in range(6)]
-    found = Runner(workers=workers, dask=dask).run_jobs(work, jobs, label="cells", checkpoint=kept)
+    found = Runner(workers=workers, dask=dask).run_jobs(work, [Job(n) for n in range(6)], label="cells")
     page = out / "page"
-    page.write_text(" ".join(str(one["square"]) for one in found))
+    page.write_text(" ".join(map(str, found)))
     return page
 """
-STUDY = Study("toy", "Does it stop?", "toy:run", checkpoint="cells.jsonl")
+STUDY = Study("toy", "Does it stop?", "toy:run")
 MAIN = (
     "from palp_core.cli.main import main; from palp_core.palpation.studies.catalogue import STUDIES, Study; "
     f"STUDIES['toy'] = {STUDY}; main()"
@@ -147,52 +140,28 @@ def ended(process: subprocess.Popen[str], number: int) -> tuple[list[str], list[
 
 
 def lines(file: Path) -> int:
-    return len(read_lines(file))
+    return len(file.read_text(encoding="utf-8").splitlines()) if file.exists() else 0
 
 
-def stopped(file: Path) -> list[str]:
-    return [
-        "toy: Does it stop?",
-        f"toy stopped: 3 cells are kept in {file}; the same command goes on from there",
-    ]
+STOPPED = ["toy: Does it stop?", "toy stopped; nothing is kept"]
 
 
-def test_ctrl_c_in_the_middle_says_in_a_line_what_is_kept_and_the_next_run_goes_on(
-    start: Start, run_here: RunHere, tmp_path: Path
-) -> None:
-    file = tmp_path / "out" / "cells.jsonl"
-    process = start(done=3)
-    wait_until(lambda: lines(file) == 3)
-    wait_until(lambda: lines(tmp_path / "worked") == 3 + 2)
+@pytest.mark.parametrize("done", [3, 0])
+def test_ctrl_c_of_workers_is_quiet_and_leaves_none(start: Start, tmp_path: Path, done: int) -> None:
+    process = start(done=done)
+    if done:
+        wait_until(lambda: lines(tmp_path / "worked") == done + 2)
+    else:  # while they start
+        wait_until(lambda: any(tmp_path.glob("worker_*")))
     said, errors = ended(process, signal.SIGINT)
-    assert (process.returncode, said, errors) == (130, [], stopped(file))
-    goes_on(run_here, tmp_path)
+    assert (process.returncode, said, errors) == (130, [], STOPPED)
 
 
-def test_ctrl_c_of_a_study_without_workers_keeps_as_much(run_here: RunHere, tmp_path: Path) -> None:
+def test_ctrl_c_of_a_study_without_workers_is_as_quiet(run_here: RunHere, tmp_path: Path) -> None:
     done = run_here(3)
-    assert (done.exit_code, done.stdout) == (130, "")
-    assert done.stderr.splitlines() == stopped(tmp_path / "out" / "cells.jsonl")
-    goes_on(run_here, tmp_path)
-
-
-def goes_on(run_here: RunHere, folder: Path) -> None:
-    (folder / "worked").unlink()
+    assert (done.exit_code, done.stdout, done.stderr.splitlines()) == (130, "", STOPPED)
     assert run_here(6).exit_code == 0
-    assert (folder / "out" / "page").read_text(encoding="utf-8") == "0 1 4 9 16 25"
-    assert read_lines(folder / "worked") == ["3", "4", "5"]
-
-
-def test_ctrl_c_while_workers_start_is_as_quiet(start: Start, tmp_path: Path) -> None:
-    process = start(done=0)
-    wait_until(lambda: any(tmp_path.glob("worker_*")))
-    said, errors = ended(process, signal.SIGINT)
-    assert process.returncode == 130
-    assert said == []
-    assert errors == [
-        "toy: Does it stop?",
-        "toy stopped before anything was kept; the same command begins again",
-    ]
+    assert (tmp_path / "out" / "page").read_text(encoding="utf-8") == "0 1 4 9 16 25"
 
 
 def test_workers_do_not_outlive_a_killed_parent(start: Start, tmp_path: Path) -> None:
@@ -203,44 +172,13 @@ def test_workers_do_not_outlive_a_killed_parent(start: Start, tmp_path: Path) ->
     wait_until(lambda: not running(process.pid))
 
 
-def test_a_line_cut_short_and_a_line_of_other_source_are_not_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "new" / "cells.jsonl"
-    kept = Checkpoint(file)
-    assert kept.add("a", {"x": (1.5, 2)}) == {"x": [1.5, 2]}
-    with file.open("a", encoding="utf-8") as opened:
-        opened.write('{"code": "cut sh')
-    append_whole(file, "[]\n")
-    kept = Checkpoint(file)
-    assert len(kept) == 1
-    assert "a" in kept
-    assert "b" not in kept
-    assert kept["a"] == {"x": [1.5, 2]}
-    monkeypatch.setattr("palp_core.palpation.studies.parallel.source_digest", lambda: "other")
-    assert len(Checkpoint(file)) == 0
-
-
-@pytest.mark.parametrize("file", ["nano17.py", "world/model.py", "perception/emg/new.py"])
-def test_a_change_of_the_science_is_another_source(
-    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before, root = source_digest(), tmp_path / "palpation"
-    shutil.copytree(Path(palpation.__file__).parent, root, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(palpation, "__file__", str(root / "__init__.py"))
-    assert source_digest.__wrapped__() == before
-    with (root / file).open("a") as opened:
-        opened.write("CHANGED = True\n")
-    assert source_digest.__wrapped__() != before
-
-
 def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
     time_ns = 0
-    with progress("cells", 10, done=4, now_ns=lambda: time_ns) as advance:
+    with progress("cells", 6, now_ns=lambda: time_ns) as advance:
         for _ in range(6):
             time_ns += 8_000_000_000
             advance()
     assert capsys.readouterr().err.splitlines() == [
-        "cells: 7 of 10 done, about 24 s to go",
-        "cells: 10 of 10 done, about 0 s to go",
+        "cells: 3 of 6 done, about 24 s to go",
+        "cells: 6 of 6 done, about 0 s to go",
     ]

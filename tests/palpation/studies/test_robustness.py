@@ -17,7 +17,7 @@ from palp_core.palpation.studies.plan import Gel
 from palp_core.palpation.studies.robustness import cases
 from palp_core.palpation.studies.robustness import study as robustness
 from palp_core.palpation.studies.robustness.cases import DESIGNS, DIFFERENCES, FACTORS, POLICIES, cells
-from palp_core.palpation.studies.robustness.study import RobustnessSize, lead, lead_chart
+from palp_core.palpation.studies.robustness.study import lead, lead_chart
 from palp_core.palpation.studies.schemes import Case, Scheme, run_session
 from palp_core.palpation.studies.session import WorldPlan
 from palp_core.palpation.studies.trace_table import TraceTable
@@ -111,7 +111,7 @@ def run_few(folder: Path, workers: int) -> bytes:
     few = [one for one in cells(trials=6) if one.name in FEW]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cases, "cells", lambda **_: few)
-        patch.setattr(robustness, "QUICK", RobustnessSize(sessions=3, trials=6))
+        patch.setattr(robustness, "QUICK", (3, 6))
         patch.setattr(cases, "DIFFERENCES", {"none": DIFFERENCES["none"]})
         patch.setattr(cases, "SCHEMES", cases.SCHEMES[:1])
         study("robustness").run(folder, quick=True, workers=workers)

@@ -58,7 +58,7 @@ def run(
     try:
         page = chosen.run(out, **options)
     except KeyboardInterrupt:
-        note(chosen.stopped(out))
+        note(f"{chosen.name} stopped; nothing is kept")
         raise typer.Exit(INTERRUPTED) from None
     flags = [[f"--{one}"] if value is True else [f"--{one}", str(value)] for one, value in options.items()]
     command = shlex.join(["palp", "study", "run", name, "--out", str(out), *itertools.chain(*flags)])

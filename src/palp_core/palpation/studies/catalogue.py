@@ -9,7 +9,6 @@ from typing import Any
 
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign, import_foreign
-from palp_core.palpation.studies.parallel import read_lines
 from palp_core.published import STUDIES as PUBLISHED
 from palp_core.published import published
 
@@ -24,7 +23,6 @@ class Study:
     name: str  # as in palp study run NAME
     question: str  # what it answers, in a line
     target: str  # module:function, called with the options that it takes; returns its page
-    checkpoint: str = ""  # file of its folder that gets a line for every part that is finished; empty: none
 
     def run(self, out: Path, **options: Any) -> Path:
         """Run it and return its page."""
@@ -34,14 +32,6 @@ class Study:
         if unknown := [f"--{option}" for option in options if option not in taken]:
             raise PalpError(f"the study '{self.name}' does not take {', '.join(unknown)}; leave it out")
         return function(out, **{name: value for name, value in (OPTIONS | options).items() if name in taken})
-
-    def stopped(self, out: Path) -> str:
-        """Return what there is to say when it was stopped: what is kept, and how to go on."""
-        count = len(read_lines(out / self.checkpoint)) if self.checkpoint else 0
-        if not count:
-            return f"{self.name} stopped before anything was kept; the same command begins again"
-        what = f"{Path(self.checkpoint).stem} are kept in {out / self.checkpoint}"
-        return f"{self.name} stopped: {count} {what}; the same command goes on from there"
 
 
 STUDIES = {
@@ -61,7 +51,6 @@ STUDIES = {
             "robustness",
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.palpation.studies.robustness.study:run",
-            checkpoint="cells.jsonl",
         ),
         Study(
             "stability",

@@ -17,7 +17,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from palp_core.errors import OutOfRange
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.studies.plan import PATH_M, RATE_HZ, SPEED_M_PER_S, Gel
 from palp_core.palpation.world.drag import drag, joints_of
@@ -223,8 +222,6 @@ def tabulate_traces(
     path_m: tuple[float, float] = PATH_M,
 ) -> TraceTable:
     """Solve sweeps of every cell all over the latents' reach and fit the polynomials."""
-    if not 0.5e-3 <= width_m <= 0.02:
-        raise OutOfRange("width_m", f"bins of {width_m:g} m; use 0.5 mm to 20 mm")
     bins = bins_of(bin_edges_m(*path_m, width_m))
     rows = basis.design()
     solver = np.linalg.pinv(basis.products(rows))

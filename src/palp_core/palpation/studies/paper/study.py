@@ -1,7 +1,7 @@
 """The study ``paper``: the argument of the paper re-run, figure by figure, next to what it published."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -25,36 +25,26 @@ from palp_core.palpation.studies.summary import at_most, joined, publish, summar
 from palp_core.palpation.studies.training import begin_trained
 from palp_core.palpation.studies.trials import Outcomes
 
-
-@dataclass(frozen=True)
-class PaperSize:
-    """Sessions of the paper's design, of each scene, of each hypothesis; trials per depth and session."""
-
-    sessions: int = 40
-    scene_sessions: int = 100
-    why_sessions: int = 20
-    trials: int = 100
-
-
-QUICK = PaperSize(sessions=8, scene_sessions=0, why_sessions=0, trials=40)
+FULL, QUICK = (40, 100, 20, 100), (8, 0, 0, 40)
+"""Sessions of the paper's design, of each scene, of each hypothesis; trials per depth and session."""
 
 
 def run(
     out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", sessions: int = 0, seed: int = 1
 ) -> Path:
     """Run the study, write ``paper.json``, the charts and the page, and return the page."""
-    size = QUICK if quick else PaperSize()
-    gel, conditions = Gel(), Conditions(trials=size.trials)
+    count, few, each, trials = QUICK if quick else FULL
+    gel, conditions = Gel(), Conditions(trials=trials)
     plan, runner = WorldPlan(gel=gel, conditions=conditions), Runner(seed, workers, dask)
-    ended = paper_sessions(plan, at_most(size.sessions, sessions), runner)
+    ended = paper_sessions(plan, at_most(count, sessions), runner)
     contacts = {gel.chosen_rung(depth_m) for depth_m in gel.depths_m}
     report = results(ended, gel.depths_m) | {
         "quick": quick,
         "seed": seed,
         "conditions": asdict(conditions) | asdict(gel) | {"contact_model": sorted(contacts)},
         "positions": positions(plan),
-        "scenes": judge_scenes(at_most(size.scene_sessions, sessions), runner),
-        "why": why_report(at_most(size.why_sessions, sessions), 40, runner),
+        "scenes": judge_scenes(at_most(few, sessions), runner),
+        "why": why_report(at_most(each, sessions), 40, runner),
     }
     trained = begin_trained(plan, (0, seed, 0))
     charts = [

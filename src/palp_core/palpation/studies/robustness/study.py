@@ -7,7 +7,6 @@ the others; and trials that differ from what was trained.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.studies.parallel import Checkpoint, Runner, Seed, seeds
+from palp_core.palpation.studies.parallel import Runner, Seed, seeds
 from palp_core.palpation.studies.robustness import cases
 from palp_core.palpation.studies.robustness.cases import AVERAGE, DESIGNS, POLICIES
 from palp_core.palpation.studies.schemes import FIXED, Case, run_session
@@ -25,7 +24,8 @@ from palp_core.units import Float64Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CELLS = "cells.jsonl"
+FULL, QUICK = (20, 100), (4, 20)
+"""Sessions of every case, and trials per depth and session."""
 SHOWN = (
     AVERAGE,
     "fixed_best",
@@ -39,52 +39,32 @@ SHOWN = (
 _MOST = 50.0  # points at which the colours of a lead end
 
 
-@dataclass(frozen=True)
-class RobustnessSize:
-    """Sessions of every case, and trials per depth and session."""
-
-    sessions: int = 20
-    trials: int = 100
-
-
-FULL, QUICK = RobustnessSize(), RobustnessSize(sessions=4, trials=20)
-
-
-@dataclass(frozen=True)
-class CaseJob:
-    """A case over its sessions."""
-
-    case: Case
-    seeds: tuple[Seed, ...]
-
-
-def run_case(job: CaseJob) -> dict[str, dict[str, Any]]:
-    """Return what each scheme came to, and the average over fixed positions of each design."""
-    found = [run_session(job.case, seed) for seed in job.seeds]
+def run_case(job: tuple[Case, Sequence[Seed]]) -> dict[str, dict[str, Any]]:
+    """Return what each scheme came to over sessions, and the average over fixed positions of each design."""
+    case, numbers = job
+    found = [run_session(case, number) for number in numbers]
     runs = {name: [one[name].ended for one in found] for name in found[0]}
     for design in DESIGNS:
         if fixed := {name: runs[f"{design}/{name}"] for name in FIXED if f"{design}/{name}" in runs}:
             runs[f"{design}/{AVERAGE}"] = joined(fixed)
     kept = ("accuracy", "ci", "ece", "ece_ci", "probes", "seconds", "undecided", "per_session")
-    return {name: some(summarise(own, job.case.plan.gel.depths_m), *kept) for name, own in runs.items()}
+    return {name: some(summarise(own, case.plan.gel.depths_m), *kept) for name, own in runs.items()}
 
 
 def run(
     out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", sessions: int = 0, seed: int = 1
 ) -> Path:
     """Run every case, write tables and charts, and return the page."""
-    usual = QUICK if quick else FULL
-    size = replace(usual, sessions=at_most(usual.sessions, sessions))
-    cells = cases.cells(quick=quick, trials=size.trials)
-    differences = cases.difference_cases(quick=quick, trials=size.trials)
+    usual, trials = QUICK if quick else FULL
+    count = at_most(usual, sessions)
+    cells = cases.cells(quick=quick, trials=trials)
+    differences = cases.difference_cases(quick=quick, trials=trials)
     jobs = [
-        CaseJob(case, tuple(seeds(stream, seed, size.sessions)))
+        (case, seeds(stream, seed, count))
         for stream, asked in ((40, cells), (23, differences.values()))
         for case in asked
     ]
-    lines = Runner(seed, workers, dask).run_jobs(
-        run_case, jobs, label="cases", checkpoint=Checkpoint(out / CELLS)
-    )
+    lines = Runner(seed, workers, dask).run_jobs(run_case, jobs, label="cases")
     records = [record for cell, own in zip(cells, lines, strict=False) for record in cell_records(cell, own)]
     differing = [
         {"world": world, "difference": name, "scheme": scheme, **line}
@@ -96,7 +76,14 @@ def run(
         out,
         "robustness",
         [lead_chart(records, design, title) for design, (title, *_) in DESIGNS.items()],
-        report={"quick": quick, "seed": seed, **asdict(size), "records": records, "differences": differing},
+        report={
+            "quick": quick,
+            "seed": seed,
+            "sessions": count,
+            "trials": trials,
+            "records": records,
+            "differences": differing,
+        },
         tables={"robustness": records, "differences": differing},
         cells=_pivoted(paper, ("cell",), "policy"),
         shown=SHOWN,

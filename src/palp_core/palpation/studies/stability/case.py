@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +31,6 @@ class Case:
     parameter: str = ""  # what is varied, with its unit; empty: nothing
     values: Float64Array = field(default_factory=lambda: np.zeros(1))  # of the parameter, shape (n,)
     scale: float = 1.0  # tables show the parameter times this
-    # of the parameter: linear, log, or to_half, which spreads what is just below 0.5
-    axis: Literal["linear", "log", "to_half"] = "linear"
     # values of the parameter that the published rig has, as shown; none where it is no quantity of the rig
     rig: tuple[float, ...] = ()
 

@@ -221,11 +221,10 @@ def _strain_errors() -> tuple[dict[float, float], dict[float, float]]:
 
 
 def _towards_half(count: int, least: float = 1e-5) -> dict[str, Any]:
-    """Return values of Poisson's ratio towards 0.5, with their axis and the rig's."""
+    """Return values of Poisson's ratio towards 0.5, with the rig's."""
     return {
         "parameter": "Poisson's ratio",
         "values": 0.5 - np.geomspace(0.2, least, count),
-        "axis": "to_half",
         "rig": (Phantom().poisson,),
     }
 
@@ -267,7 +266,6 @@ CASES = (
         parameter="ring position r_a, mm",
         values=np.geomspace(1e-7, 0.016, 40),
         scale=1e3,
-        axis="log",
         rig=RINGS_MM,
     ),
     Case(
@@ -337,7 +335,6 @@ CASES = (
         "The smooth law is a stiff damper at rest; an explicit step past its limit overshoots it, and grows.",
         parameter="time step over 2 I v_r / (mu N A^2)",
         values=np.geomspace(0.05, 20.0, 25),
-        axis="log",
     ),
     Case(
         "coarse_stage",
@@ -352,7 +349,6 @@ CASES = (
         parameter="step of the stage, mm",
         values=np.geomspace(0.00025, 0.010, 20),
         scale=1e3,
-        axis="log",
         rig=(0.02,),  # 20 mm/s at 1 kHz
     ),
     Case(
@@ -404,7 +400,6 @@ CASES = (
         parameter="radius of the block, mm",
         values=np.geomspace(0.025, 0.25, 14),
         scale=1e3,
-        axis="log",
     ),
     Case(
         "coarse_cells",
@@ -419,7 +414,6 @@ CASES = (
         "longer positive definite.",
         parameter="cell over the gel above the bead",
         values=np.array([0.25, 0.5, 0.7, 1.0, 1.4, 2.0]),
-        axis="log",
         rig=(0.125, 0.25, 0.5),  # cells of 1 mm over 8, 4 and 2 mm of gel
     ),
     Case(
