@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PINK, SKY, AMBER = "#B9608F", "#399AD6", "#C08500"
 INK, GREY = "#222222", "#707070"
-PALE_BLUE, PALE_GREEN, PALE_VERMILION = "#a8c1d8", "#cfe8dd", "#f2bd93"  # areas, which words may stand on
 
 WIDTH_IN = 8.0
 """Of every chart on a page."""
