@@ -1,8 +1,8 @@
 """The paper's tests on our trials, the comparisons it did not make, and how many sessions these take."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from statsmodels.stats.power import normal_power, ttest_power  # type: ignore[import-untyped]
@@ -21,6 +21,8 @@ from palp_core.palpation.studies.trials import Outcomes
 from palp_core.units import Float64Array
 
 Sessions = Mapping[str, Sequence[Outcomes]]
+_Trial = tuple[float, str, str, int]
+"""Outcome, depth, policy and session of a trial."""
 
 REPORTED = {
     "fixed: depth and r_a": "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm "
@@ -75,10 +77,10 @@ def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
     fixed = {name: sessions[name] for name in FIXED}
     average = {"fixed": joined(fixed), "human strategy": sessions["markov"]}
     best = {"fixed_best": sessions["fixed_best"], "markov": sessions["markov"]}
-    asked = (
-        (fixed, "r_a", _Trials()),
+    asked: tuple[tuple[Sessions, str, list[_Trial]], ...] = (
+        (fixed, "r_a", []),
         (average, "experiment", _published(depths_m)),
-        (best, "experiment", _Trials()),
+        (best, "experiment", []),
     )
     return {
         name: {"paper": reported} | _analyse(trials, factor, depths_m, human)
@@ -86,50 +88,39 @@ def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
     }
 
 
-@dataclass
-class _Trials:
-    """Outcome, depth, policy and session of trials."""
-
-    right: list[float] = field(default_factory=list)
-    depth: list[str] = field(default_factory=list)
-    kind: list[str] = field(default_factory=list)
-    session: list[int] = field(default_factory=list)
-
-    def add(self, right: list[float], depth: list[str], kind: str, session: int) -> None:
-        """Add the trials of a policy in a session."""
-        self.right += right
-        self.depth += depth
-        self.kind += [kind] * len(right)
-        self.session += [session] * len(right)
-
-    def add_sessions(self, sessions: Sessions, depths_m: Sequence[float]) -> Self:
-        """Add sessions of several policies."""
-        for name, found in sessions.items():
-            for number, one in enumerate(found):
-                depth = [depth_key(depths_m[c]) for c in one.depth.tolist()]
-                self.add(one.correct.astype(float).tolist(), depth, name, number)
-        return self
+def _trials(sessions: Sessions, depths_m: Sequence[float]) -> list[_Trial]:
+    """Return the trials of sessions of several policies."""
+    return [
+        (float(right), depth_key(depths_m[c]), name, number)
+        for name, found in sessions.items()
+        for number, one in enumerate(found)
+        for right, c in zip(one.correct.tolist(), one.depth.tolist(), strict=True)
+    ]
 
 
-def _published(depths_m: Sequence[float]) -> _Trials:
+def _published(depths_m: Sequence[float]) -> list[_Trial]:
     """Return the human's trials, from the published percentages."""
-    found = _Trials()
-    for key in map(depth_key, depths_m):
-        if key in HUMAN_RIGHT:
-            found.add([float(n < HUMAN_RIGHT[key]) for n in range(HUMAN_OF)], [key] * HUMAN_OF, "human", 0)
-    return found
+    return [
+        (float(n < HUMAN_RIGHT[key]), key, "human", 0)
+        for key in map(depth_key, depths_m)
+        if key in HUMAN_RIGHT
+        for n in range(HUMAN_OF)
+    ]
 
 
-def _analyse(sessions: Sessions, factor: str, depths_m: Sequence[float], first: _Trials) -> dict[str, Any]:
-    first.add_sessions({name: found[:1] for name, found in sessions.items()}, depths_m)
-    table = two_way(first.right, first.depth, first.kind, names=("depth", factor))
-    groups = {} if isinstance(table, NotTestable) else {"depth": first.depth, factor: first.kind}
-    every = _Trials().add_sessions(sessions, depths_m)
-    logit = mixed_logit(every.right, {"depth": every.depth, factor: every.kind}, every.session)
+def _analyse(
+    sessions: Sessions, factor: str, depths_m: Sequence[float], human: list[_Trial]
+) -> dict[str, Any]:
+    once = human + _trials({name: found[:1] for name, found in sessions.items()}, depths_m)
+    right, depth, kind, _ = zip(*once, strict=True)
+    table = two_way(right, depth, kind, names=("depth", factor))
+    groups = {} if isinstance(table, NotTestable) else {"depth": depth, factor: kind}
+    outcome, depths, kinds, session = zip(*_trials(sessions, depths_m), strict=True)
+    logit = mixed_logit(outcome, {"depth": depths, factor: kinds}, session)
     return {
         "as_in_the_paper": asdict(table),
         "bonferroni": {
-            name: [asdict(pair) for pair in bonferroni(first.right, group)] for name, group in groups.items()
+            name: [asdict(pair) for pair in bonferroni(right, group)] for name, group in groups.items()
         },
         "mixed_logit": asdict(logit) if isinstance(logit, NotTestable) else [asdict(e) for e in logit],
     }
