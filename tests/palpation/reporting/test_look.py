@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import palp_core.palpation
@@ -82,7 +82,8 @@ def test_numbers_of_charts_stand_out_from_their_rim_light_and_dark() -> None:
     number(axes, 0.0, 0.0, "-46")
     (text,) = axes.texts
     (rim,) = text.get_path_effects()
-    ink, ground = np.array(to_rgb(text.get_color())), np.array(to_rgb(rim._gc["foreground"]))  # type: ignore[attr-defined]
+    words, around = text.get_color(), rim._gc["foreground"]  # type: ignore[attr-defined]
+    ink, ground = rgb(str(words)), rgb(to_hex(around))
     assert contrast(ink, ground) >= TEXT
     assert contrast(in_the_dark(ink), in_the_dark(ground)) >= TEXT
 
