@@ -49,7 +49,7 @@ FILES: dict[str, tuple[str, str, str]] = {
         "3:21",
         "at most 64 bits",
     ),
-    "cpus of 10**30": (f"{NODES}    cpus: [{HUGE}]\n", "6:12", "at most 64 bits"),
+    "a priority of 10**30": (f"{NODES}    realtime_priority: {HUGE}\n", "6:24", "at most 64 bits"),
     "a seed of infinity": (f"seed: .inf\n{NODES}", "3:7", "must be a whole number"),
     "10**30 restarts": (RESTART.format(f"max_restarts: {HUGE}"), "6:47", "at most 64 bits"),
     "10**18 restarts": (RESTART.format(f"max_restarts: {10**18}"), "6:47", "at most 1,000,000"),

@@ -225,14 +225,14 @@ def test_another_run_is_not_taken_for_the_interrupted_one(
 
 
 def test_what_is_not_there_and_what_is_nothing_differ() -> None:
-    assert differences({"argument depth": None, "node 'a'": {"cpus": None}}, {"node 'a'": {}}) == [
+    assert differences({"argument depth": None, "node 'a'": {"output": None}}, {"node 'a'": {}}) == [
         "argument depth was None, and is not there"
     ]
     assert differences(
-        {"palp_core": "a", "node 'a'": {"cpus": None}}, {"palp_core": "b", "node 'a'": {}}
+        {"palp_core": "a", "node 'a'": {"output": None}}, {"palp_core": "b", "node 'a'": {}}
     ) == [
         "palp_core has changed",
-        "node 'a' differs in cpus",
+        "node 'a' differs in output",
     ]
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import psutil
 import pytest
 
 from palp_core.errors import GraphError
@@ -85,7 +84,7 @@ def test_a_killed_node_is_back_and_its_messages_arrive_at_the_end_of_the_chain(p
 
 
 @pytest.mark.parametrize("how", [("clock:=wall",), ("clock:=sim", "--compose")])
-def test_the_launcher_answers_and_can_be_told_to_stop(palp: Palp, how: tuple[str, ...]) -> None:
+def test_the_launcher_answers(palp: Palp, how: tuple[str, ...]) -> None:
     process = start_chain(palp, *how)
     graph = Running(palp)
     told = graph.ask("graph", "graph")
@@ -96,10 +95,8 @@ def test_the_launcher_answers_and_can_be_told_to_stop(palp: Palp, how: tuple[str
     assert types == {GRAPH_EVENTS: "GraphEvent", GRAPH_HEALTH: "GraphHealth"}
     assert graph.events()[0].kind == "started"
     assert "no operation 'dance'" in graph.ask("graph", "dance")["error"]
-    assert graph.ask("graph", "stop") == {"ending": "chain"}
+    process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 130
-    assert process.stderr is not None
-    assert "ended by a request to its launcher; all nodes exited" in process.stderr.read()
     assert palp.all_gone()
 
 
@@ -167,19 +164,14 @@ def test_a_second_ctrl_c_does_not_wait_for_a_node_that_never_answers(palp: Palp,
     assert palp.all_gone()
 
 
-def test_a_node_runs_where_and_how_its_launch_entry_says_or_says_why_not(talkers: Hostile) -> None:
-    core = min(os.sched_getaffinity(0))
-    entry = f"talker: {{run: 'nodes.talk:Talk', cpus: [{core}, 1000], realtime_priority: 7}}"
+def test_a_node_runs_with_the_priority_of_its_launch_entry_or_says_why_not(talkers: Hostile) -> None:
+    entry = "talker: {run: 'nodes.talk:Talk', realtime_priority: 7}"
     file = talkers.write("launch/placed.yaml", f"graph: placed\nclock: wall\nnodes:\n  {entry}\n")
     process = talkers.palp.start("launch", file)
     wait_for_line(process, "ticks: 1/")
     graph = Running(talkers.palp)
     pid = graph.process("talker").pid
     log = graph.log("talker")
-    assert {frozenset(os.sched_getaffinity(thread.id)) for thread in psutil.Process(pid).threads()} == {
-        frozenset({core})
-    }
-    assert "may not run on 1000" in log
     if os.sched_getscheduler(pid) == os.SCHED_FIFO:
         assert os.sched_getparam(pid).sched_priority == 7
     else:

@@ -176,7 +176,6 @@ def _node(spec: NodeSpec, graph: CheckedGraph) -> dict[str, Any]:
         },
         restart=rule if spec.restart != "never" else None,
         on_exit="shutdown" if spec.shutdown_on_exit else "",
-        cpus=spec.cpus,
         joined=spec.joined,
         realtime_priority=spec.realtime_priority,
         output=spec.output if spec.output != "log" else "",

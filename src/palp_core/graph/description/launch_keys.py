@@ -239,10 +239,6 @@ class NodeKeys(Keys):
     on_exit: Annotated[
         Literal["shutdown"] | UnsetType, _key("`shutdown`: when the node has finished, the graph ends.")
     ] = UNSET
-    cpus: Annotated[
-        list[Annotated[int, Meta(ge=0)]],
-        _key("Cores on which its process may run; without it all.", [0, 1]),
-    ] = []
     realtime_priority: Annotated[
         int,
         Meta(ge=1, le=99),

@@ -190,7 +190,6 @@ class Graph:
 
     def _answer_tools(self) -> None:
         node = self.launcher_node
-        node.answer("stop", lambda: self._interrupt.asked(self.checked.graph))
         node.answer("launch", lambda: launch_provenance(self.checked))
         node.answer("summary", lambda: {"summary": msgspec.to_builtins(self._summary())})
 

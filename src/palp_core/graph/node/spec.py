@@ -92,7 +92,6 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     actions: dict[str, str] = {}
     # input ports that take messages from outside the graph, on the topic ``/<name>/<port>``
     external: list[str] = []
-    cpus: list[int] = []  # cores the process may run on; empty: all
     realtime_priority: int = 0  # SCHED_FIFO priority; 0: the ordinary scheduler
     # ``screen``: all that it prints is shown where the graph was launched; ``log``: only warnings and errors
     # are

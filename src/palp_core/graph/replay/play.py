@@ -182,7 +182,6 @@ class PlayRun:
             stack.callback(self._sockets.close)
             self._launcher = LauncherNode(where, playback.clock.now_ns)
             stack.callback(self._launcher.close)
-            self._launcher.answer("stop", self._stop)
             playback.send = self._sockets.publisher.send
             messages = {}
             for node, executor in playback.executors.items():
@@ -206,9 +205,6 @@ class PlayRun:
             self.file_descriptors = (*self._sockets.file_descriptors, *self._launcher.file_descriptors)
             self._stack = stack.pop_all()
         self._next_beat_ns = 0
-
-    def _stop(self) -> dict[str, str]:
-        raise GraphError("a bag is played here; end it where it was started, with Ctrl-C")
 
     def poll(self, now_ns: int) -> bool:
         """Answer requests, without waiting; return whether there may be more."""

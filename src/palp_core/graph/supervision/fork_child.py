@@ -10,7 +10,7 @@ import resource
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NoReturn
 
 from palp_core.graph.log_format import begin_log
@@ -72,46 +72,28 @@ def _redirect(output: int) -> None:
     )
 
 
-def apply_scheduling(name: str, cpus: Sequence[int], realtime_priority: int) -> None:
-    """Move the process to the cores and the scheduler that its launch entry asks for.
+def apply_scheduling(name: str, realtime_priority: int) -> None:
+    """Move the process to the scheduler that its launch entry asks for.
 
-    Before the node begins, so that its threads inherit both. What the host refuses is logged, with the
-    limit and how to raise it, and the node goes on without.
+    Before the node begins, so that its threads inherit it. What the host refuses is logged, with the limit
+    and how to raise it, and the node goes on without.
     """
-    if not cpus and not realtime_priority:
+    if not realtime_priority:
         return
     begin_log(name)
-    log = logging.getLogger(f"palp.{name}")
-    if cpus:
-        allowed = os.sched_getaffinity(0)
-        missing = sorted(set(cpus) - allowed)
-        if missing:
-            log.warning(
-                "cpus: this process may not run on %s, only on %s; change the launch file, or the cpuset "
-                "of the container or service",
-                ", ".join(map(str, missing)),
-                ", ".join(map(str, sorted(allowed))),
-            )
-        if allowed & set(cpus):
-            os.sched_setaffinity(0, allowed & set(cpus))
-    if realtime_priority:
-        _go_realtime(realtime_priority, log)
-
-
-def _go_realtime(priority: int, log: logging.Logger) -> None:
     highest = os.sched_get_priority_max(os.SCHED_FIFO)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(min(priority, highest)))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(min(realtime_priority, highest)))
     except OSError as error:
         limit, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
-        log.warning(
+        logging.getLogger(f"palp.{name}").warning(
             "real-time priority %d refused (%s; the limit RLIMIT_RTPRIO is %s): it runs with the ordinary "
             "scheduler. Raise the limit with a line '%s - rtprio %d' in /etc/security/limits.conf and a new "
             "login, or start palp under 'systemd-run --user --scope -p LimitRTPRIO=%d'",
-            priority,
+            realtime_priority,
             error.strerror,
             "none" if limit == resource.RLIM_INFINITY else limit,
             os.environ.get("USER", "USER"),
-            priority,
-            priority,
+            realtime_priority,
+            realtime_priority,
         )

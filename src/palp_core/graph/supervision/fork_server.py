@@ -414,7 +414,7 @@ class _Server:
 
 def _run(order: Spawn) -> int:
     spec = order.spec
-    apply_scheduling(spec.name, spec.cpus, spec.realtime_priority)
+    apply_scheduling(spec.name, spec.realtime_priority)
     from palp_core.graph.process.main import run_node
 
     return run_node(order)

@@ -41,7 +41,6 @@ class Interrupt:
         self._breaks_in = breaks_in
         self.second_request = False
         self.asked_by: Callable[[], str] = str
-        self._asked_here = ""
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
             os.set_blocking(end, False)
@@ -83,20 +82,11 @@ class Interrupt:
         """Whether the end was asked for."""
         return self._received is not None
 
-    def request(self) -> None:
-        self._note(signal.SIGINT, None)
-
-    def asked(self, whose: str) -> dict[str, Any]:
-        """End as by Ctrl-C, for a tool that asks; return what to answer."""
-        self._asked_here = "a request to its launcher"
-        self.request()
-        return {"ending": whose}
-
     def check(self) -> None:
         """Raise :class:`Interrupted` if a signal has come."""
         if self._received is not None:
             self._raised = True
-            raise Interrupted(self._received, self._asked_here or self.asked_by())
+            raise Interrupted(self._received, self.asked_by())
 
     def drain(self) -> None:
         """Make the descriptor quiet again."""
