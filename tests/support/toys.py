@@ -104,11 +104,6 @@ class Bad(Node):
     def leave_in_c(self):
         ctypes.CDLL(None)._exit(0)
 
-    def leave_in_a_thread(self):
-        thread = threading.Thread(target=self.leave)
-        thread.start()
-        thread.join()
-
     def replace(self):
         os.execvp("true", ["true"])
 

@@ -57,7 +57,7 @@ def _wait(child: int, read_end: int) -> int:
             note(f"the process of all nodes {describe_exit(code)}")
         return 128 - code
     if code == 0 and not announced:
-        note("a node ended the process of all nodes with status 0 (exit in C)")
+        note("a node ended the process of all nodes with status 0")
         return 1
     return code
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import NodeError, in_words
+from palp_core.errors import in_words
 from palp_core.graph.clock import SimClock
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
@@ -20,7 +20,7 @@ from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.log_format import MergedFormatter, time_text
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import endpoints, shared_process
+from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import COMPOSITION, MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Configured, Done, Failed, Matched, Round
 from palp_core.graph.process.lockstep_loop import LockstepNode, SharedRounds
@@ -45,7 +45,6 @@ class Composition:
         processes: As a swap sees the nodes: all in this process.
         standbys: Makes and reaches the node that takes another's place.
         swap: Who does the rounds of a node of which there are two.
-        refused: What threads of nodes were refused: whose methods they ran, and why.
         working: The node that works.
         clock: That of all nodes.
     """
@@ -62,7 +61,6 @@ class Composition:
         self._workspace, self._sockets = workspace, sockets
         self._round_count = 0
         self._standby_node: LockstepNode | None = None
-        self.refused: list[tuple[list[object], str]] = []
         self.working = COMPOSITION
         self._nodes = [
             LockstepNode(
@@ -89,8 +87,6 @@ class Composition:
         if sockets is not None and self._round_count % POLL_ROUNDS == 0:
             sockets.poll()
         replies = {}
-        if self.refused:
-            self._fail_refused()
         for index, message in rounds.items():
             self.working = self.names[index]
             self.clock.set(message.now_ns)
@@ -99,13 +95,6 @@ class Composition:
             shared = swap is not None and swap.index == index
             replies[index] = swap.work(message) if shared and swap else self._nodes[index].work(message)
         return replies
-
-    def _fail_refused(self) -> None:
-        """Let what a thread was refused be the failure of the node whose method it runs."""
-        callers, text = self.refused[0]
-        nodes = {id(node.executor.node): node.executor.name for node in self._nodes}
-        name = next((nodes[id(caller)] for caller in callers if id(caller) in nodes), COMPOSITION)
-        raise NodeError(name, f"a thread failed: {text}")
 
     def work_together(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let nodes work, though another is in standby."""
@@ -219,13 +208,11 @@ def composed(
     with contextlib.ExitStack() as stack:
         stack.callback(log.close)
         stack.enter_context(_logging_to(log, log_level, output, capture=capture))
-        refused = stack.enter_context(shared_process())
         sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
         stack.callback(sockets.close)
         if capture:
             stack.enter_context(_captured(output, log, directory.log(COMPOSITION)))
         composition = Composition(checked.nodes, checked.workspace, sockets)
-        composition.refused = refused
         output.working = lambda: composition.working
         yield composition
 

@@ -4,15 +4,9 @@ import contextlib
 import hashlib
 import importlib
 import importlib.util
-import inspect
-import os
 import sys
-import threading
-from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
@@ -34,29 +28,6 @@ def enter_workspace(workspace: str | Path) -> None:
     if sys.path[:1] != [workspace]:
         sys.path[:] = [workspace, *(entry for entry in sys.path if entry != workspace)]
         importlib.invalidate_caches()
-
-
-@contextlib.contextmanager
-def shared_process() -> Iterator[list[tuple[list[object], str]]]:
-    """Refuse a node the end of the process that it shares: the run would have the status of its choice."""
-    refused: list[tuple[list[object], str]] = []
-    process, real = os.getpid(), {name: getattr(os, name) for name in ("_exit", "execv", "execve")}
-
-    def refuse(name: str, *arguments: Any) -> None:
-        if os.getpid() != process:  # a child of its own
-            real[name](*arguments)
-        text = f"os.{name} would end every node of this process; raise an error, or call finish()"
-        if threading.current_thread() is not threading.main_thread():
-            refused.append(([entry.frame.f_locals.get("self") for entry in inspect.stack()], text))
-        raise GraphError(text)
-
-    try:
-        for name in real:
-            setattr(os, name, partial(refuse, name))
-        yield refused
-    finally:
-        for name, function in real.items():
-            setattr(os, name, function)
 
 
 def load_module(name: str, workspace: str) -> ModuleType:

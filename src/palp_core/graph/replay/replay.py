@@ -28,7 +28,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.journal import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import load_class, shared_process
+from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.replay.streams import Key, OrderedMessages, RecordedInputs, key_of
@@ -68,7 +68,7 @@ def replay(
     ``close`` returns whether two numbers count as equal (another kind of processor rounds otherwise);
     without it outputs are to have the recorded bytes.
     """
-    with Bag(path) as bag, shared_process():
+    with Bag(path) as bag:
         attached = bag.attachments().get(NODES_ATTACHMENT)
         if attached is None:
             raise BagError(
