@@ -128,16 +128,6 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
     assert away.all_gone()
 
 
-def test_a_joined_nodes_output_goes_into_a_port_declared_external(
-    home: Host, graph: Launched, away: Host
-) -> None:
-    wires = ("-r", "tick:=/keeper/tick", "--name", "metronome", "-p", "rate_hz:=50.0")
-    away.start(*joining(home, graph, "nodes.toys:Ticker", *wires))
-    ticks = [graph.book.until("tick") for _ in range(20)]
-    indices = [int(tick[1]) for tick in ticks]
-    assert indices == list(range(1, 21))
-
-
 def test_two_guests_hear_each_other_and_large_messages_cross_whole(
     home: Host, graph: Launched, away: Host
 ) -> None:

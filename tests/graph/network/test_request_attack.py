@@ -62,7 +62,7 @@ LAUNCHER: dict[str, dict[str, Any]] = {
 GUEST = {"name": "guest", "run": "m:C", "host": "h", "pid": 1}
 WORDS: dict[str, dict[str, Any]] = {
     "hello": {"protocol": join_protocol.PROTOCOL},
-    "join": {"request": {**GUEST, "outputs": {}, "inputs": {}, "feeds": {}, "reads_truth": False}},
+    "join": {"request": {**GUEST, "outputs": {}, "inputs": {}, "reads_truth": False}},
     "clock": {"sent_ns": 5, "gateway_ns": 0},
     "subscribe": {"topic": "/n/told", "wanted": True},
     "reply": {"envelope": [b"n", b"1"], "body": b"\x80"},

@@ -19,7 +19,7 @@ def run(
     ] = None,
     remap: Annotated[
         list[str] | None,
-        option("Wire an input to a topic, or an output to a port.", "--remap", "-r", metavar="PORT:=TOPIC"),
+        option("Wire an input to a topic.", "--remap", "-r", metavar="PORT:=TOPIC"),
     ] = None,
     join: Annotated[
         str | None, option("Join the graph launched with --listen there.", metavar="tcp://HOST:PORT")

@@ -38,13 +38,11 @@ _DECODER: msgspec.msgpack.Decoder[join_protocol.FromGateway] = msgspec.msgpack.D
 
 def view_of(checked: CheckedGraph) -> GraphView:
     """Return a graph as other hosts see it."""
-    external = [spec.inputs[port] for spec in checked.nodes for port in spec.external]
     return GraphView(
         graph=checked.graph,
         clock=checked.clock,
         nodes=[spec.name for spec in checked.spawned],
         topics=checked.topics,
-        external={name: checked.topics[name].type_hash for name in external},
         expected={spec.name: spec for spec in checked.expected},
     )
 

@@ -17,7 +17,7 @@ from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelMessage
 
-PROTOCOL = 6
+PROTOCOL = 7
 """Grows when a message here does: hosts with other versions of palp refuse each other by it."""
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
@@ -33,7 +33,6 @@ class GraphView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         nodes: Names of those that run.
-        external: Type hash of every port that takes messages from outside, by ``/node/port``; "": unknown.
         expected: Nodes that the launch file leaves to other hosts, by name, as it wires them.
     """
 
@@ -41,7 +40,6 @@ class GraphView(msgspec.Struct, frozen=True, kw_only=True):
     clock: str
     nodes: list[str]
     topics: dict[str, TopicInfo]
-    external: dict[str, str] = {}
     expected: dict[str, NodeSpec] = {}
 
 
@@ -55,7 +53,6 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
         pid: Its process there.
         outputs: By topic.
         inputs: By port, the topic as the node wants it.
-        feeds: Topic ``/node/port`` of an external port, by the own topic whose messages go into it.
         reads_truth: It simulates or records, so that it may read ports named ``truth``.
     """
 
@@ -65,7 +62,6 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     pid: int
     outputs: dict[str, TopicInfo] = {}
     inputs: dict[str, TopicInfo] = {}
-    feeds: dict[str, str] = {}
     reads_truth: bool = False
 
 

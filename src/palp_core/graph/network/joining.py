@@ -51,32 +51,27 @@ def wired_spec(
     wires: Mapping[str, str],
     described: NodeClass,
     view: GraphView,
-) -> tuple[NodeSpec, dict[str, str]]:
+) -> NodeSpec:
     """Wire a node into a running graph; what the launch file expects, it has wired already.
 
-    ``wires`` has a topic by port: of an input what it reads, of an output the external port that it feeds.
-    Return the node, and the external port by the own topic that feeds it.
+    ``wires`` has the topic that an input reads, by port.
     """
     planned = view.expected.get(name, NodeSpec(name=name, run=run))
-    inputs, feeds = dict(planned.inputs), {}
+    inputs = dict(planned.inputs)
     for port_name, target in wires.items():
         port = described.ports.get(port_name)
         if port is None:
             raise GraphError(f"{run} has no port '{port_name}'{hint(port_name, described.ports)}")
-        target = target if target.startswith("/") else f"/{target}"
-        if port.kind == "pub":
-            feeds[topic(name, port_name)] = target
-        elif port.kind == "sub":
-            inputs[port_name] = target
-        else:
+        if port.kind != "sub":
             raise GraphError(
-                f"'{port_name}' of {run} is a {'service' if port.kind == 'srv' else 'client'}: it cannot be "
-                "wired from outside; describe the node in the launch file with joined: true"
+                f"'{port_name}' of {run} is no input: only inputs can be wired from outside; "
+                "describe the node in the launch file with joined: true"
             )
+        inputs[port_name] = target if target.startswith("/") else f"/{target}"
     for port in _ports(described, "sub", "client"):
         if port.name not in inputs and not port.optional:
             raise GraphError(f"input '{port.name}' of {run} is not wired; add {_advice(port, view)}")
-    spec = msgspec.structs.replace(
+    return msgspec.structs.replace(
         planned,
         run=run,
         params=_params(described, {**planned.params, **params}),
@@ -90,7 +85,6 @@ def wired_spec(
         restart="never",
         joined=False,
     )
-    return spec, feeds
 
 
 def _advice(port: NodePort, view: GraphView) -> str:
@@ -100,7 +94,7 @@ def _advice(port: NodePort, view: GraphView) -> str:
     return " or ".join(f"-r {port.name}:={name}" for name in fitting) or f"-r {port.name}:=/node/port"
 
 
-def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> JoinRequest:
+def join_request(spec: NodeSpec, described: NodeClass) -> JoinRequest:
     subs = {port.name: port for port in _ports(described, "sub")}
     return JoinRequest(
         name=spec.name,
@@ -109,7 +103,6 @@ def join_request(spec: NodeSpec, feeds: dict[str, str], described: NodeClass) ->
         pid=os.getpid(),
         outputs=outputs_of(spec.name, described),
         inputs={port: _as_wanted(source, subs[port]) for port, source in spec.inputs.items() if port in subs},
-        feeds=feeds,
         reads_truth=described.simulates or described.records,
     )
 
@@ -146,8 +139,6 @@ def objections(request: JoinRequest, view: GraphView, taken: Collection[str]) ->
         found += [
             f"input '{port}': {reason}" for reason in _input(wanted, view, reads_truth=request.reads_truth)
         ]
-    for source, target in request.feeds.items():
-        found += _feed(source, target, request, view)
     return found
 
 
@@ -177,16 +168,3 @@ def _input(wanted: TopicInfo, view: GraphView, *, reads_truth: bool) -> list[str
         return []
     same_name = found.part == "type" and wanted.type == offered.type
     return [found.text + (_OLDER if same_name else "")]
-
-
-def _feed(source: str, target: str, request: JoinRequest, view: GraphView) -> list[str]:
-    offered = request.outputs.get(source)
-    if offered is None:
-        return [f"{request.run} publishes no {source}"]
-    if target not in view.external:
-        known = f"; it has: {', '.join(view.external)}" if view.external else "; it declares none"
-        return [f"{target} is no port that graph '{view.graph}' declares external{known}"]
-    wanted = view.external[target]
-    if wanted not in ("", offered.type_hash):
-        return [f"{target} takes another type than {offered.type}, which {source} carries"]
-    return []

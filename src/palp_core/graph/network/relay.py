@@ -13,7 +13,6 @@ import logging
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import msgspec
 import zmq
@@ -21,7 +20,7 @@ import zmq
 from palp_core.counted import counted
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.frame import MAX_TOPIC_BYTES, Frame, Kind, pack, parse
+from palp_core.graph.messages.frame import MAX_TOPIC_BYTES, Kind, pack, parse
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.curve import Sent
 from palp_core.graph.network.event_loop import EventLoop
@@ -39,7 +38,6 @@ MOST_TOPICS = 1024
 MOST_NAMES = 256
 MOST_WAITING = 10_000
 SLICE_NS = 20_000_000
-_FEED = b""  # the envelope of what goes into an external port; no connection has this name
 _LOG = logging.getLogger("palp.gateway")
 
 
@@ -58,10 +56,6 @@ class Peer:
         self.rejected_count = 0  # messages from it that cannot be read, or are not its to send
         self._received_ns = monotonic_ns()
         self._pulse_ns = 0
-
-    @property
-    def feeds(self) -> dict[str, str]:
-        return self.request.feeds if self.request is not None else {}
 
     def _send(self, message: bytes) -> Sent:
         outcome = self._transmit(message)
@@ -132,7 +126,7 @@ class NodeProxy:
     def attach(self, peer: Peer) -> None:
         """Ask the host where the node is for what is read here."""
         self.peer = peer
-        for topic in sorted(self.wanted | {topic.encode() for topic in peer.feeds}):
+        for topic in sorted(self.wanted):
             peer.send(join_protocol.Subscribe(topic=topic.decode()))
 
     def detach(self) -> None:
@@ -164,8 +158,7 @@ class NodeProxy:
             return
         (self.wanted.add if begins else self.wanted.discard)(topic)
         if self.peer is not None:
-            if begins or name not in self.peer.feeds:
-                self.peer.send(join_protocol.Subscribe(topic=name, wanted=begins))
+            self.peer.send(join_protocol.Subscribe(topic=name, wanted=begins))
         elif begins and (type_hash := self._relay.type_hash_of(name)) is not None:
             # Nothing was published yet: its readers are matched and need not wait for it.
             self.publish(pack(topic, Kind.HEARTBEAT, 0, 0, 0, type_hash))
@@ -227,7 +220,6 @@ class Relay(ABC):
         self._proxies: dict[str, NodeProxy] = {}
         self.peers: dict[bytes, Peer] = {}  # by connection
         self._read: set[bytes] = set()
-        self.unfed_count = 0
 
     @abstractmethod
     def is_local(self, node: str) -> bool:
@@ -309,14 +301,6 @@ class Relay(ABC):
         if proxy is None or proxy.peer is not peer or frame.kind == Kind.MOVED:
             raise SchemaMismatch(f"frame of {frame.topic}: the peer does not own this topic")
         proxy.publish(raw)
-        if frame.topic in peer.feeds and frame.kind == Kind.DATA:
-            self._feed(peer.feeds[frame.topic], frame)
-
-    def _feed(self, target: str, frame: Frame) -> None:
-        """Send a message into a port that is declared external, as any tool does."""
-        node, port = target[1:].split("/")
-        request = {"op": "publish", "node": node, "port": port, "message": msgspec.Raw(frame.payload)}
-        self._ask(node, [_FEED], msgspec.msgpack.encode(request))
 
     # Nodes that are here
 
@@ -379,20 +363,8 @@ class Relay(ABC):
 
     def _on_local_reply(self, parts: list[bytes]) -> None:
         connection, *envelope, body = parts if len(parts) > 1 else [b"", b""]
-        if connection == _FEED:
-            self._on_fed(body)
-        elif connection in self.peers:
+        if connection in self.peers:
             self.peers[connection].reply(envelope, body)
-
-    def _on_fed(self, body: bytes) -> None:
-        reply: Any = None
-        with contextlib.suppress(msgspec.MsgspecError):
-            reply = msgspec.msgpack.decode(body)
-        if isinstance(reply, dict) and "error" in reply:
-            self.unfed_count += 1
-            if is_power_of_two(self.unfed_count):
-                refused = counted(self.unfed_count, "message")
-                _LOG.warning("%s for an external port refused; the latest: %s", refused, reply["error"])
 
 
 def _node_of(topic: str) -> str:

@@ -124,8 +124,8 @@ def _placed(
         raise GraphError(
             f"graph '{view.graph}' runs in simulated time; only one with clock: wall can be joined"
         )
-    spec, feeds = wired_spec(name, run, params, wires, described, view)
-    remote.send(join_protocol.Join(request=join_request(spec, feeds, described)))
+    spec = wired_spec(name, run, params, wires, described, view)
+    remote.send(join_protocol.Join(request=join_request(spec, described)))
     epoch = remote.wait_for(join_protocol.Joined).epoch
     note(
         f"/{name} has joined graph '{view.graph}'; its clock is known to "
