@@ -17,7 +17,7 @@ from palp_core.extras import install_line
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.ros2.maps import Entry
-    from palp_core.graph.ros2.plan import Crossing, Joining
+    from palp_core.graph.ros2.plan import Crossing
 
 
 app = lazy_app(
@@ -102,11 +102,11 @@ def ros2(
             return
         from palp_core.graph.problems import Problems
         from palp_core.graph.ros2.middleware import require
-        from palp_core.graph.ros2.plan import Joining
+        from palp_core.graph.ros2.plan import plan_crossings
 
         running = find_graph(graph, changes=True)
-        joining, problems = Joining(running, entries), Problems()
-        crossings = joining.plan(problems)
+        problems = Problems()
+        crossings = plan_crossings(entries, running, problems)
         problems.raise_any()
         if check:
             print_text(f"{map_}: no mistake, checked against graph '{running.record.graph}'")
@@ -117,7 +117,7 @@ def ros2(
                 "serve_ros2, call_ros2 with to, share_parameters): add --operate, or leave those out"
             )
         require()
-        _run(running, crossings, joining)
+        _run(running, crossings)
 
 
 def _changes(entries: list[Entry]) -> bool:
@@ -125,18 +125,18 @@ def _changes(entries: list[Entry]) -> bool:
     return any(entry.to or entry.kind not in ("to_ros2", "call") for entry in entries)
 
 
-def _run(running: RunningGraph, crossings: list[Crossing], joining: Joining) -> None:
+def _run(running: RunningGraph, crossings: list[Crossing]) -> None:
     from palp_core.graph.ros2.bridge import Ros2Bridge
     from palp_core.graph.ros2.middleware import beyond_this_host
 
     if why := beyond_this_host():
         note(why)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
-    made = Ros2Bridge(running, crossings, joining, note)
+    made = Ros2Bridge(running, crossings, note)
     signal.signal(signal.SIGINT, made.interrupt)
     try:
         with made:
-            ways = _ways(crossings, joining)
+            ways = _ways(crossings)
             print_text(f"graph '{running.record.graph}': bridge to ROS 2 as /{made.name} ({ways})")
             sys.stdout.flush()
             made.run()
@@ -148,7 +148,7 @@ def _run(running: RunningGraph, crossings: list[Crossing], joining: Joining) -> 
         note_ended(running)
 
 
-def _ways(crossings: list[Crossing], joining: Joining) -> str:
+def _ways(crossings: list[Crossing]) -> str:
     words = {
         "to_ros2": ("topic to ROS 2", "topics to ROS 2"),
         "from_ros2": ("topic from ROS 2", "topics from ROS 2"),
@@ -157,7 +157,4 @@ def _ways(crossings: list[Crossing], joining: Joining) -> str:
         "parameters": ("node's parameters", "nodes' parameters"),
     }
     kinds = [crossing.entry.kind for crossing in crossings]
-    ways = [counted(kinds.count(kind), *names) for kind, names in words.items() if kind in kinds]
-    if names := [entry.palp for entry in joining.awaited if entry.palp]:
-        ways.append(f"for nodes that have yet to join: {', '.join(names)}")
-    return ", ".join(ways)
+    return ", ".join(counted(kinds.count(kind), *names) for kind, names in words.items() if kind in kinds)

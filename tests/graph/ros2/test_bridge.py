@@ -167,14 +167,14 @@ parameters = share_parameters()
 TICKER = ["count", "rate_hz", "size"]
 
 
-def test_what_a_map_says_of_a_node_crosses_once_it_has_joined(home: Host, away: Host) -> None:
+def test_what_a_map_says_of_a_node_that_has_joined_crosses(home: Host, away: Host) -> None:
     file = home.folder / "tick_map.py"
     file.write_text(JOIN_MAP, encoding="utf-8")
     graph = home.launch()
-    waiting = "for nodes that have yet to join: /guest/tick"
-    bridge = bridged(home, file, "as /home_bridge (1 topic to ROS 2", waiting)
-    assert peer(home, "hear", "/at_home", "ticker") == TICKER
     guest = away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "guest"))
+    graph.said("/guest has joined")
+    bridge = bridged(home, file, "as /home_bridge (2 topics to ROS 2")
+    assert peer(home, "hear", "/at_home", "ticker") == TICKER
     assert peer(home, "hear", "/away", "guest") == TICKER
     out, err = ended(bridge)
     assert err == ""

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from threading import Event
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 import typer
@@ -23,12 +20,11 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import topic_of
-from palp_core.graph.problems import Problems
-from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map, share_parameters
+from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map
 from palp_core.graph.ros2.message_types import known_types, message_type
 from palp_core.graph.ros2.parameters import _ros_value
-from palp_core.graph.ros2.plan import Joining, outlets_of
-from tests.support.palp import PATIENCE_S, ROOT, Palp
+from palp_core.graph.ros2.plan import outlets_of
+from tests.support.palp import ROOT, Palp
 
 HEAD = '''\
 """A map."""
@@ -237,7 +233,6 @@ class Running:
     """A graph with the node ``sensor``, which answers for itself."""
 
     def __init__(self, types: dict[str, type[Message]], *, moves: bool = False) -> None:
-        self.before_answer: Callable[[], object] = lambda: None
         hashes = {name: {"type_hash": schema_of(kind).hash_text} for name, kind in types.items()}
         self._replies: dict[str, dict[str, Any]] = {
             "info": {"external": ["load"], "services": {"tare": ["Tare", "Load"]}},
@@ -255,7 +250,6 @@ class Running:
         )
 
     def _ask(self, _endpoint: str, request: dict[str, Any], _timeout_s: float) -> dict[str, Any]:
-        self.before_answer()
         return self._replies[request["op"]]
 
 
@@ -315,41 +309,6 @@ def test_ros_2_changes_what_moves_only_with_permission(
     monkeypatch.setattr("palp_core.graph.ros2.middleware.require", begin)
     with pytest.raises((GraphError, typer.BadParameter), match=refused):
         run(text, moves=moves, **options)
-
-
-@pytest.mark.parametrize(
-    ("listen", "now", "awaited", "mistakes"),
-    [("tcp://home", ["/sensor"], ["/guest"], 0), ("", ["/sensor"], [], 1)],
-)
-def test_entries_of_nodes_that_may_join_cross_once_they_have(
-    tmp_path: Path, listen: str, now: list[str], awaited: list[str], mistakes: int
-) -> None:
-    classes = {kind.__name__: kind for entry in read(tmp_path).values() for kind in entry.messages}
-    graph = Running({name: classes[name] for name in ("Block", "Tare", "Load")}).graph
-    graph.record = msgspec.structs.replace(graph.record, listen=listen)
-    made, problems = Joining(graph, [share_parameters("sensor"), share_parameters("guest")]), Problems()
-    assert [one.entry.palp for one in made.plan(problems)] == now
-    assert [one.palp for one in made.awaited] == awaited
-    assert len(problems) == mistakes
-
-
-def test_while_a_node_that_joins_hangs_the_rest_goes_on(tmp_path: Path) -> None:
-    classes = {kind.__name__: kind for entry in read(tmp_path).values() for kind in entry.messages}
-    running = Running({name: classes[name] for name in ("Block", "Tare", "Load")})
-    graph, answers, reported = running.graph, Event(), list[str]()
-    graph.record = msgspec.structs.replace(graph.record, listen="tcp://home")
-    made = Joining(graph, [share_parameters()])
-    assert [one.entry.palp for one in made.plan(Problems())] == ["/sensor"]
-    guest = NodeEntry("guest", "", 0, "", "ipc:///run/guest")
-    graph.record = msgspec.structs.replace(graph.record, nodes=[*graph.record.nodes, guest])
-    running.before_answer = lambda: answers.wait(PATIENCE_S)
-    for _ in range(3):  # it is asked, and hangs
-        assert made.plan_joined(reported.append) == []
-    answers.set()
-    assert made._asked is not None
-    made._asked.result(PATIENCE_S)
-    assert [one.entry.palp for one in made.plan_joined(reported.append)] == ["/guest"]
-    assert (made.plan_joined(reported.append), reported) == ([], [])
 
 
 @pytest.mark.parametrize(

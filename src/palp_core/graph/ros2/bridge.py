@@ -19,7 +19,7 @@ from palp_core.graph.ros2.maps import Times, as_plain
 from palp_core.graph.ros2.message_types import known_types, message_type
 from palp_core.graph.ros2.middleware import Middleware
 from palp_core.graph.ros2.parameters import NodeParameters
-from palp_core.graph.ros2.plan import Crossing, Joining
+from palp_core.graph.ros2.plan import Crossing
 from palp_core.graph.ros2.ports import Account, Ports
 from palp_core.graph.ros2.services import caller, offer
 
@@ -55,10 +55,9 @@ class Ros2Bridge:
         self,
         graph: RunningGraph,
         crossings: Iterable[Crossing],
-        joining: Joining,
         report: Callable[[str], None],
     ) -> None:
-        self._graph, self._joining, self._report = graph, joining, report
+        self._graph, self._report = graph, report
         self._offset_ns = clock_offset_ns(graph)
         self.ended = self.interrupted = False
         self.accounts: list[Account] = []
@@ -78,7 +77,7 @@ class Ros2Bridge:
             raise
 
     def _add(self, crossings: Iterable[Crossing]) -> None:
-        """Let what is planned cross from now on; what ROS 2 has no type for is left out."""
+        """Let what is planned cross; what ROS 2 has no type for is left out."""
         for crossing in crossings:
             entry = crossing.entry
             try:
@@ -131,7 +130,6 @@ class Ros2Bridge:
         while not self._reader.ended:
             self._reader.turn(self._take)
             self._report_losses()
-            self._add(self._joining.plan_joined(self._report))
             if self.interrupted:
                 raise KeyboardInterrupt
         self.ended = True

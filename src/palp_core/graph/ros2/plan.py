@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,18 +13,15 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.ros2.export_bag import Outlet, OutletsOf
-from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph, no_external_port
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.problems import Problems, hint
 from palp_core.graph.ros2.maps import Entry, Times, read_map
 
 ASK_S = 5.0
-LOOK_NS = 500_000_000
 
 
 class Crossing(NamedTuple):
@@ -60,10 +56,9 @@ def ask_ports(graph: RunningGraph) -> Ports:
     return Ports(infos, {node: reply["ports"] for node, reply in schemas.items()})
 
 
-def plan_crossings(
-    entries: Iterable[Entry], graph: RunningGraph, ports: Ports, problems: Problems
-) -> list[Crossing]:
-    found = []
+def plan_crossings(entries: Iterable[Entry], graph: RunningGraph, problems: Problems) -> list[Crossing]:
+    """Return what crosses by a map, now that the nodes which it names are there."""
+    found, ports = list[Crossing](), ask_ports(graph)
     for entry in entries:
         try:
             found += _crossings(entry, graph, ports)
@@ -102,52 +97,6 @@ def _crossings(entry: Entry, graph: RunningGraph, ports: Ports) -> list[Crossing
     check_type(topic.name, entry.messages[0], topic.type_hash)
     offered = ports.infos.get(topic.node, {}).get("outputs", {}).get(topic.name, {}).get("qos", {})
     return [Crossing(entry, topic, msgspec.convert({**offered, **entry.qos}, Qos))]
-
-
-class Joining:
-    """Plans what crosses: at once of the nodes that are there, later of those that join."""
-
-    def __init__(self, graph: RunningGraph, entries: list[Entry]) -> None:
-        self._graph = graph
-        self.awaited = list(entries)
-        self._known: set[str] = set()
-        self._look_ns = 0
-        self._pool = ThreadPoolExecutor(1)  # a node that hangs is waited for, for some seconds
-        self._asked: Future[Ports] | None = None
-
-    def plan(self, problems: Problems, ports: Ports | None = None) -> list[Crossing]:
-        """Return what of the map crosses from now on, too; mistakes go to ``problems``.
-
-        Where no node can join, an entry of a node that is not there is a mistake.
-        """
-        graph, there = self._graph, {*self._graph.node_names, LAUNCHER}
-        now = [one for one in self.awaited if not graph.record.listen or there.issuperset(one.nodes)]
-        self.awaited = [
-            one for one in self.awaited if one not in now or (graph.record.listen and not one.nodes)
-        ]
-        found = plan_crossings(now, graph, ports or ask_ports(graph), problems)
-        fresh = [
-            one for one in found if one.entry.kind != "parameters" or one.entry.nodes[0] not in self._known
-        ]
-        self._known |= there
-        return fresh
-
-    def plan_joined(self, report: Callable[[str], None]) -> list[Crossing]:
-        """Return what crosses since nodes have joined, once they have answered; never wait for a node."""
-        if self._asked is None:
-            now_ns = monotonic_ns()
-            if self.awaited and now_ns >= self._look_ns:
-                self._look_ns = now_ns + LOOK_NS
-                if not self._known.issuperset(node.name for node in self._graph.refresh().nodes):
-                    self._asked = self._pool.submit(ask_ports, self._graph)
-            return []
-        if not self._asked.done():
-            return []
-        problems, ports, self._asked = Problems(), self._asked.result(), None
-        found = self.plan(problems, ports)
-        for problem in problems.listed():
-            report(str(problem))
-        return found
 
 
 def outlets_of(name: str, bag: str | Path) -> OutletsOf:
