@@ -50,16 +50,12 @@ LOOPS = {
     "is deaf": (
         "import faulthandler, signal\nfaulthandler.disable()\nsignal.signal(signal.SIGABRT, signal.SIG_IGN)\n"
         "while True: pass",
-        "nodes/odd.py:",
+        "importing this",
     ),
     "has begun a line": ("print('at it: ', end='', flush=True)\nwhile True: pass", "nodes/odd.py:2: "),
     "has another sys.stderr": (
         "import io, os, sys\nsys.stderr = io.StringIO()\nos.dup2(os.open(os.devnull, os.O_WRONLY), 2)\n"
         "import shelve\nwhile True: pass",
-        "nodes/odd.py:5: ",
-    ),
-    "has ended its watch": (
-        "import signal\nsignal.setitimer(signal.ITIMER_REAL, 0)\nwhile True: pass",
         "importing this",
     ),
 }

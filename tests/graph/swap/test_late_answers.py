@@ -8,11 +8,7 @@ from typing import Any, get_type_hints
 
 import pytest
 
-from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.process.swap_messages import FromSwapped, Handover, Working
-from palp_core.graph.supervision.class_inspection import INSPECTING
-from palp_core.graph.supervision.fork_server import Exited, Started
-from palp_core.graph.supervision.standby import Standbys
 from palp_core.graph.swap.engine import CHANGE, TABLE, Swap
 from palp_core.graph.swap.swap import STEPS, SwapFailed
 from tests.support.palp import ROOT
@@ -59,18 +55,6 @@ def test_a_state_that_is_not_moved_in_time_is_named_with_its_size() -> None:
     swap.take(HAND_OVER)
     with pytest.raises(SwapFailed, match=r"did not answer \(Handover\) within 1 s, with a state of 60 MB"):
         swap.take(HAND_OVER)
-
-
-def test_an_import_may_take_as_long_as_the_swap_and_no_longer() -> None:
-    sent: list[Any] = []
-    nothing: Any = SimpleNamespace(send=sent.append)
-    standbys = Standbys(nothing, nothing, nothing)
-    standbys.inspect([NodeClassRequest("slow.py:Slow")], Path(), 45.0)
-    assert sent[0].timeout_s == 45.0
-    standbys.on_child_event(Started(INSPECTING, 7))
-    assert standbys.inspected is None
-    standbys.on_child_event(Exited(INSPECTING, 7, 1, "loading Timeout (0:00:45)!\nThread 0x1:\n"))
-    assert standbys.inspected == [NodeClass(run="", error="it could not be imported within 45 s")]
 
 
 def test_the_documented_table_is_the_one_that_is_walked() -> None:

@@ -40,6 +40,7 @@ from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.supervision.class_inspection import ToRun
+from palp_core.graph.supervision.fork_child import open_many_files
 from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
@@ -168,7 +169,7 @@ class Graph:
         if self._compose and checked.clock != "sim":
             raise GraphError(f"{self.path}: only a graph with 'clock: sim' can be composed into one process")
         if not self._compose:
-            server.make_room(len(checked.spawned))
+            open_many_files()
         name = self._name or checked.graph
         self.checked = msgspec.structs.replace(checked, graph=name, composed=self._compose)
         self.checkpoints = Checkpoints(self.checked, self._overrides, resume=self._resume)

@@ -2,12 +2,11 @@
 
 The child sends its answers, one by one, to the fork server, which passes them on to the launcher. Before it
 imports what is heavy it announces that, and the same is imported meanwhile where its nodes are to run: by the
-server that forks them, or by the launcher that composes them. It ends itself, with a back-trace, when it has
-neither answered nor begun to import a further module for a while.
+server that forks them, or by the launcher that composes them. One that has neither answered nor announced
+anything for a while is aborted, which leaves a back-trace.
 """
 
 import contextlib
-import faulthandler
 import importlib
 import os
 import re
@@ -32,13 +31,13 @@ OF_SCIPY = tuple(f"scipy.{name}" for name in ("special", "optimize", "interpolat
 """What ``import scipy`` alone leaves until a handler names it, and half a second is too late there."""
 INSPECTING = ""
 """Name of an inspecting child."""
-IMPORT_TIMEOUT_S = 30.0
-"""How long the child may neither answer nor begin to import a further module (assumed: longer than any)."""
+IMPORT_TIMEOUT_S = 60.0
+"""How long the child may neither answer nor announce a heavy module (assumed: longer than any import)."""
 OUTPUT_BYTES = 1 << 16
 """What is kept of the end of its output."""
 NOT_STARTED = 256
 """Added to the error's number it is the status: no process ends with one as high."""
-_TRACE = re.compile(r"(?:Fatal Python error.*?|Stack )\(most recent call first", re.DOTALL)
+_TRACE = re.compile(r"Fatal Python error.*?most recent call first", re.DOTALL)
 _FRAME = re.compile(r'File "([^"]+)", line (\d+)')
 
 ToRun = Literal["forked", "composed", "nowhere"]
@@ -51,7 +50,6 @@ class InspectClasses(ChannelMessage, frozen=True):
     requests: list[NodeClassRequest]
     workspace: str
     to_run: ToRun = "forked"
-    timeout_s: float = IMPORT_TIMEOUT_S
 
 
 class HeavyImport(ChannelMessage, frozen=True):
@@ -75,7 +73,7 @@ class Inspection:
         self.answers: list[NodeClass] = []
         self.status: int | None = None
         self.output = ""
-        self.killed = False  # it was silent for too long, and did not end itself
+        self.timed_out = False  # it was silent for too long
 
     def add(self, message: Inspected) -> None:
         if message.pid == self.pid:
@@ -100,12 +98,8 @@ class Inspection:
             "what works or waits belongs in a handler. Nodes that come after it were not looked at"
         )
 
-    @property
-    def timed_out(self) -> bool:
-        return self.killed or self.status == -signal.SIGALRM
-
     def _frames(self) -> list[tuple[str, str]]:
-        """Return file and line of each call, if it crashed or its time was over."""
+        """Return file and line of each call, if it crashed or was aborted."""
         crash = _TRACE.search(self.output)
         return _FRAME.findall(self.output, crash.end()) if crash else []
 
@@ -126,36 +120,21 @@ def describe_exit(status: int) -> str:
 
 def inspect_in_child(request: InspectClasses, send: Callable[[ChannelMessage], None]) -> int:
     """Inspect classes in a forked child, and send the answers."""
-    watch = _ImportWatch(request, send)
-    sys.meta_path.insert(0, watch)
-    watch.renew()
+    if request.to_run != "nowhere":
+        sys.meta_path.insert(0, _HeavyImports(send))
     for answer in inspected(request.requests, Path(request.workspace)):
         send(Inspected(encode_any(answer), os.getpid()))
-        watch.renew()
     return 0
 
 
-class _ImportWatch:
-    """A finder that finds nothing: it announces heavy modules, and renews the time-out at each new one."""
+class _HeavyImports:
+    """A finder that finds nothing: it announces heavy modules, and leaves the search to others."""
 
-    def __init__(self, request: InspectClasses, send: Callable[[ChannelMessage], None]) -> None:
-        self._request, self._send = request, send
-        self._seen = set[str]()
-        output = os.dup(2)  # the module may put something else in the place of sys.stderr
-        # The thread that imports writes its own trace: another one would read frames that change meanwhile.
-        faulthandler.register(signal.SIGALRM, file=output, all_threads=False, chain=True)
-
-    def renew(self) -> None:
-        """Let the process end itself, with a back-trace, when nothing more happens."""
-        signal.setitimer(signal.ITIMER_REAL, self._request.timeout_s)
+    def __init__(self, send: Callable[[ChannelMessage], None]) -> None:
+        self._send = send
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
-        """Take note of a module, and leave the search to others."""
-        if name in self._seen:
-            return
-        self._seen.add(name)
-        self.renew()
-        if name in HEAVY and self._request.to_run != "nowhere":
+        if name in HEAVY:
             with contextlib.suppress(OSError):
                 self._send(HeavyImport(name))
 

@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from palp_core.graph.log_format import begin_log
 
+MOST_FILES = 1 << 16
 _SET_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36
 _LIBC = ctypes.CDLL(None, use_errno=True)  # loaded once: a freshly forked process only calls
 
@@ -29,6 +30,14 @@ def die_with_parent(parent: int = 0) -> None:
 def adopt_orphans() -> None:
     """Become the parent of every descendant whose own parent dies."""
     _LIBC.prctl(_SET_CHILD_SUBREAPER, 1)
+
+
+def open_many_files() -> None:
+    """Let this process open as many files as the user may, three of each node of a graph among them."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if 0 <= soft < MOST_FILES:
+        most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def run_child(work: Callable[[], int], server: int, output: int, release: Callable[[], None]) -> NoReturn:

@@ -15,7 +15,6 @@ import contextlib
 import gc
 import importlib
 import os
-import resource
 import select
 import signal
 import socket
@@ -45,7 +44,12 @@ from palp_core.graph.supervision.class_inspection import (
     import_heavy,
     inspect_in_child,
 )
-from palp_core.graph.supervision.fork_child import adopt_orphans, apply_scheduling, run_child
+from palp_core.graph.supervision.fork_child import (
+    adopt_orphans,
+    apply_scheduling,
+    open_many_files,
+    run_child,
+)
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
@@ -58,12 +62,6 @@ LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.ex
 workspace (a swap could not load it again)."""
 NO_PROCESS = 2**31 - 1
 """In place of the id of a process that could not be started: no process has one as high."""
-
-FILES_OF_EACH_NODE = 2
-"""In the server: what a node prints, and its log. The launcher has one, the node's channel."""
-FILES_OF_THE_GRAPH = 200
-"""Whatever the number of nodes (counted: 20 in the launcher, 15 in the server); the rest is for tools that
-ask, four each, and for processes that stand by in a swap."""
 
 
 class Signal(ChannelMessage, frozen=True):
@@ -121,20 +119,6 @@ class ForkServer:
     def signal(self, pid: int, number: signal.Signals) -> None:
         self.send(Signal(pid, int(number)))
 
-    def make_room(self, node_count: int) -> None:
-        """Let launcher and server open the files that so many nodes need; 1024 are enough for 412."""
-        needed = FILES_OF_THE_GRAPH + FILES_OF_EACH_NODE * node_count
-        for pid in (0, self.pid):
-            soft, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
-            if soft != resource.RLIM_INFINITY and soft < needed:
-                if hard != resource.RLIM_INFINITY and hard < needed:
-                    raise GraphError(
-                        f"{node_count} nodes need {needed} open files in one process; {hard} are allowed "
-                        f"here: raise the hard limit to {needed} (ulimit -Hn, LimitNOFILE= of a service, or "
-                        "/etc/security/limits.conf)"
-                    )
-                resource.prlimit(pid, resource.RLIMIT_NOFILE, (needed, hard))
-
     def read_events(self) -> list[ChildEvent]:
         """Wait for events of children and return what there is; import what is announced."""
         try:
@@ -167,8 +151,7 @@ class ForkServer:
             if request.run in ended:
                 found.append(NodeClass(run=request.run, error=ended[request.run]))
                 continue
-            timeout_s = class_inspection.IMPORT_TIMEOUT_S
-            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), to_run, timeout_s))
+            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), to_run))
             inspection = Inspection()
             self._finish(inspection)
             found += inspection.answers
@@ -181,15 +164,13 @@ class ForkServer:
         return found
 
     def _finish(self, inspection: Inspection) -> None:
-        """Wait for the end of an inspecting child: a silent one is continued twice, then killed."""
-        silent_count = 0
+        """Wait for the end of an inspecting child: a silent one is aborted, then killed."""
         while True:
             if not self._readable(class_inspection.IMPORT_TIMEOUT_S):
-                silent_count += 1
-                inspection.killed = silent_count > 2  # by then its own watch would have ended it
-                self.signal(inspection.pid, signal.SIGKILL if inspection.killed else signal.SIGCONT)
+                self.signal(inspection.pid, signal.SIGKILL if inspection.timed_out else signal.SIGABRT)
+                self.signal(inspection.pid, signal.SIGCONT)
+                inspection.timed_out = True
                 continue
-            silent_count = 0
             for event in self.read_events():
                 if isinstance(event, Started):
                     inspection.pid = event.pid
@@ -442,6 +423,7 @@ def _next_gone() -> tuple[int, int] | None:
 
 
 def main(connection: socket.socket) -> None:
+    open_many_files()
     gc.disable()  # nothing here makes cycles; collecting while importing costs a tenth of the time
     for name in LIGHT:
         importlib.import_module(name)

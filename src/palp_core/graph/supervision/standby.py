@@ -50,7 +50,7 @@ class Standbys:
         self._server, self._channels, self._launcher = server, channels, launcher
         self._count = 0
         self._all: dict[int, Standby] = {}
-        self._inspection, self._import_timeout_s = Inspection(), 0.0
+        self._inspection = Inspection()
 
     def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Standby:
         """Start a process next to the one that has the node's part."""
@@ -61,10 +61,10 @@ class Standbys:
         self._launcher.spawn(process, successor=True, fresh=fresh)
         return standby
 
-    def inspect(self, requests: Sequence[NodeClassRequest], workspace: Path, timeout_s: float) -> None:
+    def inspect(self, requests: Sequence[NodeClassRequest], workspace: Path) -> None:
         """Let a child inspect node classes; :attr:`inspected` is set when it has ended."""
-        self._inspection, self._import_timeout_s = Inspection(), timeout_s
-        self._server.send(InspectClasses(list(requests), str(workspace), timeout_s=timeout_s))
+        self._inspection = Inspection()
+        self._server.send(InspectClasses(list(requests), str(workspace)))
 
     @property
     def inspected(self) -> list[NodeClass] | None:
@@ -72,9 +72,7 @@ class Standbys:
         inspection = self._inspection
         if inspection.status is None:
             return None
-        late = f"it could not be imported within {self._import_timeout_s:g} s"
-        error = late if inspection.timed_out else inspection.describe_crash()
-        return inspection.answers or [NodeClass(run="", error=error)]
+        return inspection.answers or [NodeClass(run="", error=inspection.describe_crash())]
 
     def kill_inspector(self) -> None:
         """Wait for the child no longer, and end it."""

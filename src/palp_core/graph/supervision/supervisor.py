@@ -291,7 +291,7 @@ class Supervisor:
     def inspect_class(self, request: NodeClassRequest, workspace: Path, timeout_s: float) -> NodeClass:
         """Let a forked child import a class and describe what it declares."""
         standbys = self.standbys
-        standbys.inspect([request], workspace, timeout_s)
+        standbys.inspect([request], workspace)
         if not self.wait_until(
             lambda: standbys.inspected is not None, monotonic_ns() + round(timeout_s * 1e9)
         ):
