@@ -9,7 +9,6 @@ import re
 import select
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,27 +29,19 @@ def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk:
     assert found["graphs"] == ["talk"]
     assert set(found["findings"][0]) == {"where", "level", "text", "advice"}
     printed = talk.run("doctor", "-r").stdout
-    for part in ("monotonic clock resolves", "usable", "open files", "no orphans", "2 of 2 nodes answer"):
+    for part in ("usable", "open files", "2 of 2 nodes answer"):
         assert part in printed
     assert talk.run("doctor").stdout.splitlines()[-1].endswith("1 graph running")
 
 
-def test_what_a_killed_launcher_leaves_is_found(palp: Palp, tmp_path: Path) -> None:
+def test_the_run_directory_of_a_killed_launcher_is_no_error(palp: Palp, tmp_path: Path) -> None:
     graph = Talk(palp, tmp_path)
     graph.process.kill()
     graph.process.wait()
-    assert palp.all_gone()  # palp's own processes leave nothing; so leave something for them
+    assert palp.all_gone()
     (folder,) = (palp.runtime_dir / "palp").iterdir()
-    with (folder / "log" / "source.log").open("a") as log:
-        left = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, stdout=log)
-    done = graph.run("doctor")
-    assert done.returncode == 1
-    assert f"ERROR process {left.pid}: an orphan of graph 'talk'" in done.stdout
-    assert f"kill {left.pid}" in done.stdout
     printed = graph.run("doctor", "-r").stdout
     assert f"1 run directory of runs that are over; the latest 20 are kept: {folder.name}" in printed
-    left.communicate()
-    assert left.wait() is not None
     assert graph.run("doctor").returncode == 0
 
 

@@ -1,11 +1,9 @@
 """What may harm a run here: clock, cores, limits, memory, disk; what earlier runs have left."""
 
 import contextlib
-import ctypes
 import os
 import platform
 import resource
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,10 +17,7 @@ from palp_core.user_folders import folder_mistake, runtime_folder
 FEWEST_FILES, FEWEST_PROCESSES = 1024, 256
 LEAST_DISK_BYTES = 200e6
 LEAST_MEMORY_PART = 0.1
-COARSEST_CLOCK_S = 1e-6
-LARGEST_OFFSET_S = 0.1
 CAP_SYS_NICE = 23
-STA_UNSYNC, STA_NANO = 0x0040, 0x2000
 SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")
 
 
@@ -33,61 +28,18 @@ def _found(where: str, text: str, *, bad: bool = False, level: str = WARN, advic
 
 def examine_host() -> Iterator[Trouble]:
     yield _found("host", f"{platform.platform()}, Python {platform.python_version()}")
-    yield from _clocks()
+    yield from _clock()
     yield from _cores()
     yield from _limits()
     yield from _space()
 
 
-def _clocks() -> Iterator[Trouble]:
-    step_s = time.get_clock_info("monotonic").resolution
-    yield _found(
-        "clock",
-        f"the monotonic clock resolves {step_s * 1e9:g} ns",
-        bad=step_s > COARSEST_CLOCK_S,
-        advice="boot the kernel with high-resolution timers",
-    )
+def _clock() -> Iterator[Trouble]:
     with contextlib.suppress(OSError):
         path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
         source = path.read_text().strip()
         advice = "slow to read; see why the kernel gave up tsc: dmesg"
         yield _found("clock", f"clock source {source}", bad=source in SLOW_CLOCKS, advice=advice)
-    yield _synchronised()
-
-
-class _Timex(ctypes.Structure):
-    """The part of Linux' ``struct timex`` (adjtimex(2)) up to the status; the rest is padding."""
-
-    _fields_ = (
-        ("modes", ctypes.c_uint),
-        ("offset", ctypes.c_long),
-        ("freq", ctypes.c_long),
-        ("maxerror", ctypes.c_long),
-        ("esterror", ctypes.c_long),
-        ("status", ctypes.c_int),
-        ("rest", ctypes.c_byte * 256),
-    )
-
-
-def _synchronised() -> Trouble:
-    """Ask the kernel what its NTP discipline knows; a mode of 0 changes nothing."""
-    state = _Timex()
-    try:
-        answer = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(state))
-    except (OSError, AttributeError):
-        answer = -1
-    if answer < 0 or state.status & STA_UNSYNC:
-        text = (
-            "the wall clock is not synchronised by NTP: records of several hosts cannot be compared in time"
-        )
-        return Trouble("clock", NOTE, text, "run chronyd or systemd-timesyncd")
-    offset_s = state.offset / (1e9 if state.status & STA_NANO else 1e6)
-    return _found(
-        "clock",
-        f"the wall clock is {offset_s * 1e3:.3f} ms from NTP, at most {state.maxerror / 1e3:.1f} ms in error",
-        bad=abs(offset_s) > LARGEST_OFFSET_S,
-        advice="wait until it has settled before recording on several hosts",
-    )
 
 
 def _cores() -> Iterator[Trouble]:
@@ -154,14 +106,9 @@ def _space() -> Iterator[Trouble]:
 
 
 def examine_runs() -> Iterator[Trouble]:
-    over = {str(folder): record.graph for folder, record, lives in runs() if not lives}
-    orphans = list(_orphans(over))
-    yield from orphans
     yield from _foreign()
-    if not orphans:
-        yield _found("processes", "no orphans: every process of a run has its launcher")
-    if over:
-        names = ", ".join(sorted(Path(folder).name for folder in over))
+    if over := [folder for folder, _, lives in runs() if not lives]:
+        names = ", ".join(sorted(folder.name for folder in over))
         count = counted(len(over), "run directory", "run directories")
         kept = f"the latest {KEEP_ENDED} are kept: {names} ({KEEP_ENDED_BYTES >> 20} MiB of logs at most)"
         yield _found(str(runtime_folder()), f"{count} of runs that are over; {kept}")
@@ -176,31 +123,3 @@ def _foreign() -> Iterator[Trouble]:
                 yield Trouble(
                     str(base), WARN, f"{mistake}; it is passed over", "find out which user created it"
                 )
-
-
-def _orphans(over: dict[str, str]) -> Iterator[Trouble]:
-    """Find living processes that hold a file in the directory of a run that is over."""
-    for process in psutil.process_iter(["uids"]) if over else ():
-        try:
-            if process.pid == os.getpid() or process.info["uids"].real != os.getuid():
-                continue
-            held = next((folder for folder in _held(process.pid) if folder in over), None)
-            if held is None or process.status() == psutil.STATUS_ZOMBIE:
-                continue
-            name = " ".join(process.cmdline()[:4])
-        except (psutil.Error, OSError, TypeError, AttributeError):
-            continue
-        text = f"an orphan of graph '{over[held]}' ({held}): its launcher is gone ({name})"
-        advice = f"if it is still there in a few seconds: kill {process.pid}"
-        yield Trouble(f"process {process.pid}", ERROR, text, advice)
-
-
-def _held(pid: int) -> Iterator[str]:
-    """Yield the folders, and folders of folders, of the files that a process has open."""
-    for link in Path(f"/proc/{pid}/fd").iterdir():
-        try:
-            target = Path(str(link.readlink()).removesuffix(" (deleted)"))
-        except OSError:
-            continue
-        if target.is_absolute():
-            yield from map(str, (target, *target.parents[:2]))
