@@ -183,15 +183,14 @@ IN_VAIN = """
       torque: {{run: nodes.torque:TorqueSensor, restart: on_failure}}
       record:
         run: nodes.record:Record
-        inputs: {{truth: {{from: torque/truth, on_event: restart}}}}
+        inputs: {{truth: torque/truth}}
 """
 
 
 def test_what_has_no_effect_in_simulated_time_is_said_once(workspace: Any) -> None:
     assert without_effect(workspace.load(IN_VAIN.format(clock="wall"))) == ""
     assert without_effect(workspace.load(IN_VAIN.format(clock="sim"))) == (
-        "'restart' (torque) and 'on_event' (record/truth) have no effect in simulated time: "
-        "events are published and recorded, and a node's crash ends the run"
+        "'restart' (torque) has no effect in simulated time: a node's crash ends the run"
     )
 
 

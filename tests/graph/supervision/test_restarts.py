@@ -13,7 +13,6 @@ from palp_core.errors import NodeError
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import encode
 from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec
-from palp_core.graph.process.control_messages import Raised
 from palp_core.graph.supervision import restarts
 from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, HANG_NS, Liveness
@@ -223,29 +222,6 @@ def test_a_node_that_is_restarted_or_silent_says_so_to_a_swap_that_needs_it(stag
     assert process.absence().startswith("has sent no heartbeat for seconds")
     stage.restarts.restart(0, "fell")
     assert process.absence() == "is being restarted; ask again when it is active"
-
-
-@pytest.mark.parametrize("action", ["warn", "restart", "shutdown"])
-def test_a_broken_promise_is_acted_upon_as_the_launch_file_says(stage: Stage, action: str) -> None:
-    event = Raised("deadline", "sample", "/a/sample", "nothing for 0.2 s", action)
-    if action == "shutdown":
-        with pytest.raises(NodeError, match=r"b: nothing for 0\.2 s"):
-            stage.restarts.on_qos_event(1, event)
-    else:
-        stage.restarts.on_qos_event(1, event)
-        stage.restarts.on_qos_event(1, event)
-    assert stage.said[0] == ("qos", "b")
-    assert stage.texts[0] == "nothing for 0.2 s"
-    assert stage.done == ([("SIGTERM", "a"), ("SIGCONT", "a")] if action == "restart" else [])
-    assert stage.said.count(("restarting", "a")) == (action == "restart")
-
-
-def test_a_publisher_whose_rule_does_not_restart_it_is_only_named(
-    stage: Stage, caplog: pytest.LogCaptureFixture
-) -> None:
-    stage.restarts.on_qos_event(0, Raised("liveliness", "x", "/b/x", "silent", "restart"))
-    assert stage.done == []
-    assert "b: not restarted, restart limit reached" in caplog.text
 
 
 def test_health_is_published_once_a_second(stage: Stage) -> None:

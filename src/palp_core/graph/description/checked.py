@@ -125,19 +125,10 @@ def recorders_apart(graph: CheckedGraph) -> CheckedGraph:
 
 def without_effect(graph: CheckedGraph) -> str:
     """Return what the launch file asks for and simulated time ignores, as a note; "" if there is none."""
-    if graph.clock != "sim":
+    restarted = ", ".join(spec.name for spec in graph.nodes if spec.restart != "never")
+    if graph.clock != "sim" or not restarted:
         return ""
-    keys = {
-        "restart": [spec.name for spec in graph.nodes if spec.restart != "never"],
-        "on_event": [f"{spec.name}/{port}" for spec in graph.nodes for port in spec.actions],
-    }
-    asked = [f"'{key}' ({', '.join(of)})" for key, of in keys.items() if of]
-    if not asked:
-        return ""
-    return (
-        f"{' and '.join(asked)} {'have' if len(asked) > 1 else 'has'} no effect in simulated time: "
-        "events are published and recorded, and a node's crash ends the run"
-    )
+    return f"'restart' ({restarted}) has no effect in simulated time: a node's crash ends the run"
 
 
 def unpublished_words(unpublished: Mapping[str, list[str]]) -> str:
@@ -188,11 +179,10 @@ def _stated(**values: Any) -> dict[str, Any]:
 
 
 def _shown(wire: Wire) -> Any:
-    more = wire.stated | ({"on_event": wire.action} if wire.action != "warn" else {})
     if wire.external:
-        return {"external": True, **more}
+        return {"external": True, **wire.stated}
     source = f"{wire.node}/{wire.port}"
-    return {"from": source, **more} if more else source
+    return {"from": source, **wire.stated} if wire.stated else source
 
 
 def _show(value: Any) -> str:

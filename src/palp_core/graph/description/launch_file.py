@@ -34,14 +34,11 @@ class Wire(msgspec.Struct, frozen=True):
 
     Attributes:
         node: What it reads is this node's ``port``; "" where the messages come from outside the graph.
-        action: What the supervisor does when the edge breaks its promise: ``warn``, ``restart``,
-            ``shutdown``.
     """
 
     node: str
     port: str
     stated: dict[str, Any] = {}
-    action: str = "warn"
     external: bool = False
 
     def requested(self, declared: Qos) -> Qos:

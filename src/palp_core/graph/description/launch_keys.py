@@ -186,13 +186,6 @@ class InputKeys(QosKeys):  # type: ignore[misc] # made from Qos, whose fields th
             "In place of `from`: it takes messages from outside the graph, on the topic `/NODE/INPUT`.",
         ),
     ] = False
-    on_event: Annotated[
-        Literal["warn", "restart", "shutdown"],
-        _key(
-            "What happens when what is asked for is not kept: a warning, or the node is started again, "
-            "or the graph ends. On the wall clock."
-        ),
-    ] = "warn"
 
 
 class NodeKeys(Keys):

@@ -486,10 +486,10 @@ class _Resolver:
             self._problems.add(items["from"].mark, text)
             return None
         if keys.external:
-            return Wire("", "", stated, keys.on_event, external=True)
+            return Wire("", "", stated, external=True)
         if isinstance(keys.source, str):
             node, port = keys.source.split("/")
-            return Wire(node, port, stated, keys.on_event)
+            return Wire(node, port, stated)
         if "from" not in items and nearest("from", set(items) - set(fields_of(InputKeys))) is None:
             text = f"{what} has no source; add from: node/port, or external: true"
             self._problems.add(entry.mark, text)

@@ -160,10 +160,9 @@ def _check_edge(
             if (found := type_misfit(wanted, offered)) is not None:
                 problems.add(place, f"{where}: {found.text}; {_ADVICE[found.part]}")
                 return
-        stated = [*wire.stated, *(["on_event"] if wire.action != "warn" and port.kind != "client" else [])]
-        if stated:
+        if wire.stated:
             noun = _PLACES[offer.kind]
-            message = f"{where}: {_an(noun)} has no quality of service; remove {', '.join(stated)}"
+            message = f"{where}: {_an(noun)} has no quality of service; remove {', '.join(wire.stated)}"
             problems.add(place, message)
         return
     for part, text in misfits(
@@ -239,7 +238,6 @@ def _spec(
             for port, wire in wires.items()
             if ports[port].kind == "sub"
         },
-        actions={port: wire.action for port, wire in wires.items() if wire.action != "warn"},
         external=[port for port, wire in wires.items() if wire.external],
         vacant={
             name: (topics[name].type_hash, topics[name].qos)

@@ -20,7 +20,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
 
 OK, NOTE, WARN, ERROR = "ok", "note", "warn", "error"
-GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed", "qos")
+GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed")
 """Kinds of the launcher's events that are bad news."""
 SWAPPING = "being swapped"
 """In place of a lifecycle's state: one of the two processes with the node's name is inactive by intent."""

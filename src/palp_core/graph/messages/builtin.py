@@ -125,7 +125,7 @@ class GraphEvent(Message):
     """Something that happened to a graph: on ``/graph/events``.
 
     ``kind`` is ``started``, ``failed``, ``restarting``, ``restarted``, ``unresponsive``, ``responsive``,
-    ``qos``, ``swapped``, ``joined``, ``left``, ``refused``, ``recorder`` or ``ending``.
+    ``swapped``, ``joined``, ``left``, ``refused``, ``recorder`` or ``ending``.
     """
 
     stamp_ns: Nanoseconds

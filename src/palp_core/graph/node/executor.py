@@ -29,7 +29,7 @@ from palp_core.graph.node.node import Node, Params, State, class_name, declarati
 from palp_core.graph.node.params import changed_params, load_params
 from palp_core.graph.node.ports import Srv
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.node.qos_events import EventEnd, EventPublisher, QosEvent
+from palp_core.graph.node.qos_events import EventEnd, EventPublisher
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.rng import rng_from_text, rng_of, rng_to_text
@@ -48,7 +48,6 @@ class Executor:
         send: Callable[[bytes], None],
         *,
         resend: Callable[[bytes], None] | None = None,
-        report: Callable[[QosEvent], None] | None = None,
     ) -> None:
         self.spec, self.name, self.epoch = spec, spec.name, spec.epoch
         self.lifecycle = Lifecycle.UNCONFIGURED
@@ -66,7 +65,7 @@ class Executor:
         self.node = node_class(self)
         self.node.params = load_params(self.declaration, spec.params, self.name)
         self.node.state = first_state(self.declaration.state, self.name)
-        self.events = EventPublisher(self, send, report)
+        self.events = EventPublisher(self, send)
         self.ends = Bindings(self.declaration, spec, self, self.events, send)
         self.ends.publishers[self.events.publisher.topic] = self.events.publisher
         order: PublisherEnd[Order] = self.ends.publisher(topic(self.name, ORDER_PORT), Order, Qos(depth=1))

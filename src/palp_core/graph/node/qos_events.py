@@ -70,16 +70,14 @@ def is_reported(event: QosEvent) -> bool:
 
 
 class EventPublisher:
-    """Reports what happens to a node, at rates that cannot flood: log, hidden topic, supervisor."""
+    """Reports what happens to a node, at rates that cannot flood: log and hidden topic."""
 
-    def __init__(
-        self, context: NodeContext, send: Callable[[bytes], None], report: Callable[[QosEvent], None] | None
-    ) -> None:
+    def __init__(self, context: NodeContext, send: Callable[[bytes], None]) -> None:
         self.publisher = PublisherEnd(
             topic(context.name, EVENTS_PORT), NodeEvent, Qos(depth=100), context.epoch, context, send
         )
         self.rejected_count = 0
-        self._context, self._report = context, report
+        self._context = context
 
     def publish(self, kind: str, text: str, data: Mapping[str, Any]) -> None:
         now_ns = self._context.now_ns()
@@ -94,8 +92,6 @@ class EventPublisher:
         if is_reported(event):
             self._context.log.warning("%s", event.text)
             self.publish(event.kind, event.text, msgspec.to_builtins(event))
-            if self._report is not None:
-                self._report(event)
         return event
 
     def reject(self, error: SchemaMismatch) -> None:

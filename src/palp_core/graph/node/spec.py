@@ -88,8 +88,6 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     moves: bool = False
     # per input port what holds on its edge: the request, with the offered lifespan where it is shorter
     qos: dict[str, Qos] = {}
-    # per input port what the supervisor does about its events: ``restart`` or ``shutdown``
-    actions: dict[str, str] = {}
     # input ports that take messages from outside the graph, on the topic ``/<name>/<port>``
     external: list[str] = []
     realtime_priority: int = 0  # SCHED_FIFO priority; 0: the ordinary scheduler

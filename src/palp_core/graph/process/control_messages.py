@@ -107,21 +107,8 @@ class Pulse(ChannelMessage, frozen=True):
     health: bytes
 
 
-class Raised(ChannelMessage, frozen=True):
-    """A quality-of-service event on an input, and what the launch file wants done about it.
-
-    ``action`` is ``warn``, ``restart`` (the publisher, by its rule) or ``shutdown`` (the graph).
-    """
-
-    kind: str
-    port: str
-    topic: str
-    text: str
-    action: str
-
-
 ToNode = Prepare | Activate | Round | Shutdown | Restore | ToSwapped
-FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock | Pulse | Raised | FromSwapped
+FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock | Pulse | FromSwapped
 
 
 def node_end(path: str) -> MessageChannel[ToNode]:

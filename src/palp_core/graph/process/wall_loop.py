@@ -12,7 +12,6 @@ from palp_core.graph.messages.message import decode
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import endpoints, load_class
-from palp_core.graph.node.qos_events import QosEvent
 from palp_core.graph.process import checkpoint, control_messages
 from palp_core.graph.process.channel import MessageChannel
 from palp_core.graph.process.checkpoint import NodeCheckpointer
@@ -42,7 +41,7 @@ class WallLoop:
         self.clock = WallClock(monotonic_ns())
         node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
         send = self.sockets.publisher.send
-        self.executor = Executor(node_class, order.spec, self, send, resend=send, report=self._report)
+        self.executor = Executor(node_class, order.spec, self, send, resend=send)
         publishers = {
             name: endpoints(order.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
         }
@@ -126,13 +125,6 @@ class WallLoop:
         """Hand the launcher the node, written down; one that does not keep up gets the next."""
         if self._supervisor_keeps_up():
             self.channel.send(control_messages.Kept(sequence, node))
-
-    def _report(self, event: QosEvent) -> None:
-        action = self.executor.spec.actions.get(event.port, "warn")
-        if self._supervisor_keeps_up():
-            self.channel.send(
-                control_messages.Raised(event.kind, event.port, event.topic, event.text, action)
-            )
 
     def _supervisor_keeps_up(self) -> bool:
         """Return whether the supervisor keeps up: a node that moves something waits for no terminal."""

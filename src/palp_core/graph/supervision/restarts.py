@@ -9,7 +9,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.node.spec import RECORDER
-from palp_core.graph.process.control_messages import Raised
 from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, Liveness
@@ -164,28 +163,6 @@ class Restarts:
         if silent_ns >= GIVE_UP_NS and process.spec.restart == "on_failure":
             # A stopped process wakes and reaches its safe state; one in a loop meets SIGKILL later.
             self.recover(index, f"was unresponsive for {silent_s:.0f} s", signal.SIGTERM, signal.SIGCONT)
-
-    def on_qos_event(self, index: int, event: Raised) -> None:
-        """Act on a quality-of-service event."""
-        reader, publisher = self._processes[index].spec.name, event.topic.split("/")[1]
-        self._launcher_node.report(
-            "qos",
-            reader,
-            event.text,
-            kind=event.kind,
-            port=event.port,
-            topic=event.topic,
-            action=event.action,
-        )
-        if event.action == "shutdown":
-            raise NodeError(reader, f"{event.text}; its launch entry ends the graph at this")
-        if event.action == "restart":
-            found = [i for i, process in enumerate(self._processes) if process.spec.name == publisher]
-            for at in found:
-                if self._processes[at].active and not self.restart(
-                    at, f"is restarted for {reader}: {event.text}", signal.SIGTERM, signal.SIGCONT
-                ):
-                    _LOG.warning("%s: not restarted, restart limit reached", publisher)
 
     def expect_health(self, index: int) -> None:
         self._liveness.expect(index, monotonic_ns())

@@ -258,8 +258,6 @@ class Supervisor:
             self._restarts.look_soon()
         elif isinstance(message, control_messages.Knock):
             self._commanded.add(index)
-        elif isinstance(message, control_messages.Raised) and not self._grace.ending:
-            self._restarts.on_qos_event(index, message)
         elif isinstance(message, control_messages.Failed) and not self._grace.ending:
             text = message.text.removeprefix(f"{process.spec.name}: ")
             if not self._restarts.restart(index, text):

@@ -19,7 +19,7 @@ from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import HUNG_S
-from palp_core.graph.process.control_messages import Configured, Done, Matched, Raised, Round
+from palp_core.graph.process.control_messages import Configured, Done, Matched, Round
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import (
     HANDLER,
@@ -298,9 +298,6 @@ class Swap(StepEngine):
             self._wait_for_report()
         replies = list(self._successor.replies)
         self._successor.replies.clear()
-        for event in replies:
-            if isinstance(event, Raised) and isinstance(self._host, Supervisor):
-                self._host.receive(self.index, event)
         self._check_successor()
         reports = [reply for reply in replies if isinstance(reply, WorkReport)]
         frames = [frame for report in reports for frame in report.frames]
