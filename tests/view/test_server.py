@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib.util
 import queue
 import signal
-import subprocess
-import sys
 import webbrowser
 from pathlib import Path
 
@@ -76,24 +74,6 @@ def test_without_the_extra_a_line_says_what_to_install(
     done = palp.here(*words)
     assert done.returncode == 2
     assert done.stderr == f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}\n"
-
-
-ALONE = """
-import sys
-from palp_core.view.server.serve import FOR_CLIENTS, serving_alone
-with serving_alone():
-    from nicegui import ui
-print([name for name in FOR_CLIENTS if name in sys.modules])
-import aiohttp
-import gc
-print(aiohttp.__name__, gc.isenabled())
-"""
-
-
-@pytest.mark.nightly
-def test_what_is_for_clients_is_not_imported_and_can_be_afterwards() -> None:
-    done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["[]", "aiohttp True"]
 
 
 def test_what_cannot_be_shown_is_refused(palp: Palp, server: PageServer, bag: Path, tmp_path: Path) -> None:

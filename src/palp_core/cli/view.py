@@ -92,11 +92,9 @@ def _over(what: Path) -> RecordedSource:
 
 
 def _show_over(listening: socket.socket, token: str, bag: RecordedSource) -> None:
-    from palp_core.view.server.serve import serve, serving_alone
-
-    with serving_alone():
-        from palp_core.view.pages.routes import register_pages
-        from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.pages.routes import register_pages
+    from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.server.serve import serve
 
     named = str(bag.launch().get("view", ""))
     own = _own_page(named, importlib.import_module) if named.startswith(OF_PALP) else None
@@ -111,13 +109,11 @@ def _show_live(
     listening: socket.socket, token: str, running: RunningGraph, *, read_only: bool, operate: bool
 ) -> None:
     from palp_core.graph.node.loading import load_module
-    from palp_core.view.server.serve import serve, serving_alone
+    from palp_core.view.pages.routes import register_pages
+    from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.server.serve import serve
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
-
-    with serving_alone():
-        from palp_core.view.pages.routes import register_pages
-        from palp_core.view.pages.viewer import Viewer
 
     own = _own_page(running.record.view, lambda module: load_module(module, running.record.workspace))
     source = LiveSource(running)

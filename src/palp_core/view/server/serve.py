@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import importlib.util
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from palp_core.errors import PalpError
@@ -29,8 +28,6 @@ TURN_S = 1e-3
 IDLE_S = 60.0
 """So long a browser may be away: a page that is loaded again, or whose host slept, still finds the viewer."""
 LOOK_S = 1.0
-FOR_CLIENTS = ("aiohttp", "requests", "tornado")
-"""What engineio imports where it is installed, as a client or for another event loop: a third of the time."""
 INSTALL = f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}"
 
 
@@ -130,24 +127,3 @@ def _end_unused(running: uvicorn.Server, over: Callable[[], bool], gate: PageGat
             pause.wait(LOOK_S)
 
     threading.Thread(target=look, name="palp view: unused", daemon=True).start()
-
-
-@contextlib.contextmanager
-def serving_alone() -> Iterator[None]:
-    """Import, meanwhile, nothing that is for clients, and look for no garbage; afterwards all is as before.
-
-    Who imports requests later, a page of a lab's own, gets it. Clients of engineio and socketio in this
-    process do not: they are told that it is not installed.
-    """
-    hidden = [name for name in FOR_CLIENTS if name not in sys.modules]
-    collects = gc.isenabled()
-    gc.disable()
-    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # None: an import of it fails
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
-        for name in hidden:
-            if sys.modules.get(name) is None:
-                sys.modules.pop(name, None)
