@@ -16,7 +16,7 @@ from palp_core.graph.discovery.troubles import loss_troubles, node_troubles, wor
 from palp_core.view.source.live import node_state, swaps_named
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
 from palp_core.view.source.protocol import Sample
-from palp_core.view.source.series import FieldSeries, as_csv, number_fields, thinned
+from palp_core.view.source.series import FieldSeries, number_fields, thinned
 
 pytest.importorskip("nicegui")
 
@@ -64,8 +64,6 @@ def test_a_block_that_does_not_go_on_from_the_one_before_begins_with_a_gap() -> 
     assert times_s(1500, 3) == [1.5]
     assert times_s(1502, 5) == [1.502]  # message 4 is missing
     assert times_s(1504, 1) == []  # another takes over
-    assert not np.isnan(series.points).any()
-    assert len(series.points) == 10
 
 
 def test_a_late_block_and_a_rare_number_go_on_until_something_is_missing() -> None:
@@ -103,18 +101,6 @@ def test_thinning_keeps_every_peak_and_the_order() -> None:
     assert {4321.0, 5000.0, 8765.0} <= set(kept[:, 0])
     assert np.isnan(kept[:, 1]).sum() == 1
     assert (np.diff(kept[:, 0]) > 0).all()
-
-
-def test_a_plot_is_saved_with_all_its_points() -> None:
-    series = FieldSeries("inner.peak", BLOCK)
-    for i in range(3):
-        series.add(sample(i, inner={"peak": i / 8}))
-    assert as_csv([(series.label, series.points)]).splitlines() == [
-        "time_s,field,value",
-        "0.000000000,inner.peak [N m],0.0",
-        "1.000000000,inner.peak [N m],0.125",
-        "2.000000000,inner.peak [N m],0.25",
-    ]
 
 
 def test_a_message_is_a_tree_of_lines_with_units() -> None:

@@ -9,16 +9,13 @@ from urllib.parse import urlencode
 import numpy as np
 from nicegui import ui
 
-from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.units import Float64Array
 from palp_core.view.pages.parts import PacedElement, StatusLine, text_element
 from palp_core.view.source.protocol import Watch
 from palp_core.view.source.series import (
-    KEPT_POINTS,
     NO_POINTS,
     FieldSeries,
-    as_csv,
     number_fields,
     shown,
 )
@@ -102,7 +99,6 @@ def plot_panel(
         span.props("dense outlined").style("min-width: 7rem")
         pause = ui.button("pause").props("outline dense no-caps")
         save = ui.button("PNG").props("outline dense no-caps")
-        table = ui.button("CSV").props("outline dense no-caps")
     nothing = text_element("div", CHOOSE, "quiet")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
     plot.shape(
@@ -110,7 +106,7 @@ def plot_panel(
         title=watch.topic.name,
         along="simulated time in s" if clock == "sim" else "time in s",
     )
-    paused: list[list[tuple[str, Float64Array]]] = []  # what there was when the plot was paused, if it is
+    paused = False
 
     def choose() -> None:
         fields = [str(field) for field in chosen.value or ()]
@@ -136,18 +132,11 @@ def plot_panel(
         plot.shape(span=span.value)
         remember()
 
-    def kept() -> list[tuple[str, Float64Array]]:
-        return [(series.label, series.points) for series in plotted.series]
-
     def toggle() -> None:
-        paused[:] = [] if paused else [kept()]
+        nonlocal paused
+        paused = not paused
         pause.text = "go on" if paused else "pause"
-        plot.shape(paused=bool(paused))
-
-    def download() -> None:
-        labelled = paused[0] if paused else kept()
-        outcome.show(points_text(labelled))
-        ui.download.content(as_csv(labelled), name)
+        plot.shape(paused=paused)
 
     def tick() -> None:
         if not plotted.series:
@@ -162,8 +151,6 @@ def plot_panel(
     span.on_value_change(widen)
     pause.on_click(toggle)
     save.on_click(lambda: plot.run_method("save"))
-    name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
-    table.on_click(download)
     plot.shape(span=span.value)
     if first:
         choose()
@@ -176,19 +163,3 @@ def _is_plottable(field: str, schema: dict[str, Any]) -> bool:
     except (GraphError, ValueError):  # a number of more digits than Python reads
         return False
     return True
-
-
-def points_text(labelled: Sequence[tuple[str, Float64Array]]) -> str:
-    """Return a summary of points that are saved.
-
-    >>> points_text([("q", np.array([(1.0, 0.0), (3.5, 0.0)]))])
-    '2 points, from 1 s to 3.5 s'
-    """
-    points = [points for _, points in labelled if len(points)]
-    if not points:
-        return "no points yet"
-    begin_s = min(part[0, 0] for part in points)
-    end_s = max(part[-1, 0] for part in points)
-    cut = any(len(part) >= KEPT_POINTS for part in points)
-    more = f", the last {KEPT_POINTS} of a field: no more are kept" if cut else ""
-    return f"{counted(sum(map(len, points)), 'point')}, from {begin_s:.10g} s to {end_s:.10g} s{more}"

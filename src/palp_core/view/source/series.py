@@ -6,10 +6,7 @@ no line joins them, there is a point without a value (nan): a gap.
 
 from __future__ import annotations
 
-import csv
-import io
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,8 +17,6 @@ from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_o
 from palp_core.units import Float64Array
 from palp_core.view.source.protocol import Sample
 
-KEPT_POINTS = 60_000
-"""Of a series: a minute at 1 kHz; what is saved as CSV."""
 NUMBERS = (FieldKind.FLOAT, FieldKind.INT, FieldKind.BOOL)
 NO_POINTS: Float64Array = np.empty((0, 2))
 WINDOW_POINTS = 1200
@@ -57,14 +52,8 @@ class FieldSeries:
             raise GraphError(f"field '{field}' holds no numbers")
         unit = unit_of(at)
         self.label = field + (f" [{unit}]" if unit and unit != "1" else "")
-        self._kept: deque[Float64Array] = deque()
-        self._kept_count = 0
         self._before: Sample | None = None
         self._end_s: float | None = None
-
-    @property
-    def points(self) -> Float64Array:
-        return np.concatenate([NO_POINTS, *self._kept])[-KEPT_POINTS:]
 
     def add(self, sample: Sample) -> Float64Array:
         """Take a message; return its points: of an array those of its elements.
@@ -85,7 +74,6 @@ class FieldSeries:
             found = found[finite]
         if not len(found):
             return NO_POINTS
-        self._keep(found)
         if follows or before is None:
             return found
         return np.concatenate(([[found[0, 0], np.nan]], found))
@@ -103,12 +91,6 @@ class FieldSeries:
         if before is None or sample.stamp_ns <= before.stamp_ns:
             return np.full(count, stamp_s), follows
         return np.linspace(before.stamp_ns / 1e9, stamp_s, count + 1)[1:], follows
-
-    def _keep(self, found: Float64Array) -> None:
-        self._kept.append(found)
-        self._kept_count += len(found)
-        while self._kept_count - len(self._kept[0]) >= KEPT_POINTS:
-            self._kept_count -= len(self._kept.popleft())
 
 
 def thinned(points: Float64Array, most: int) -> Float64Array:
@@ -148,13 +130,3 @@ def shown(points: Float64Array, span_s: float) -> Float64Array:
     points = points[points[:, 0] >= points[-1, 0] - span_s]
     share = (points[-1, 0] - points[0, 0]) / span_s
     return thinned(points, max(FEWEST_POINTS, round(share * WINDOW_POINTS)))
-
-
-def as_csv(labelled: Iterable[tuple[str, Float64Array]]) -> str:
-    """Return points as text: a row a point, with its series' label."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(("time_s", "field", "value"))
-    for label, points in labelled:
-        table.writerows((f"{time_s:.9f}", label, repr(value)) for time_s, value in points.tolist())
-    return text.getvalue()
