@@ -132,7 +132,9 @@ def test_what_cannot_be_written_is_refused(at: Path, palp: Palp, words: tuple[st
     assert sorted(path.name for path in at.iterdir()) == ["full"]
 
 
-def test_nothing_is_overwritten_and_all_or_nothing_is_written(at: Path, palp: Palp) -> None:
+def test_nothing_is_overwritten_and_all_or_nothing_is_written(
+    at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (at / "nodes").mkdir()
     (at / "tests").mkdir()
     (at / "tests/test_grip.py").write_text("# mine\n", encoding="utf-8")
@@ -143,6 +145,8 @@ def test_nothing_is_overwritten_and_all_or_nothing_is_written(at: Path, palp: Pa
     assert (at / "tests/test_grip.py").read_text(encoding="utf-8") == "# mine\n"
     hiding = palp.here("new", "node", "policy")
     assert "nodes.policy takes the place of that of 'rig'" in hiding.stderr
+    monkeypatch.chdir(at / "nodes")
+    assert f"the workspace of this folder is {at}\n" in palp.here("new", "node", "other").stderr
 
 
 @pytest.mark.parametrize(

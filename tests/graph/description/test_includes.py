@@ -31,6 +31,20 @@ def test_an_included_file_brings_its_nodes_and_takes_what_the_include_gives(work
     assert graph.nodes[0].inputs["torque"] == "/torque/torque"
 
 
+@pytest.mark.parametrize(
+    ("own", "remarks"),
+    [
+        ("", ["no report is made, part.yaml being included; add report: some.module:done"]),
+        ("report: nodes.report:own\n", []),
+    ],
+)
+def test_a_report_that_only_an_included_file_has_is_not_made_and_that_is_noted(
+    parted: Any, own: str, remarks: list[str]
+) -> None:
+    parted.write("launch/parts/part.yaml", PART + "report: some.module:done\n")
+    assert list(resolve(parted.write("launch/graph.yaml", WHOLE + own)).remarks) == remarks
+
+
 def test_an_argument_of_an_included_file_is_one_of_the_including_file_unless_the_include_gives_it(
     parted: Any,
 ) -> None:

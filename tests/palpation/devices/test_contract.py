@@ -24,6 +24,7 @@ from palp_core.palpation.devices.contract import (
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.registry import kind_of, known_devices
 from palp_core.palpation.devices.sim.ring import SimRing
+from palp_core.palpation.devices.sim.torque import SimTorque
 
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
 SIM_OPTIONS: dict[str, dict[str, Any]] = {"emg": {"matrix": [[0.2] * 5] * 5}, "stage": {"lift_m": 0.002}}
@@ -106,15 +107,41 @@ class Deaf(SimRing):
         return super().command(min(max(target_m, 0.0), 0.05), now_ns, state, rng)
 
 
-def test_a_driver_that_breaks_a_promise_is_reported_which_and_how() -> None:
-    name = f"{__name__}:Deaf"
-    assert kind_of(name) == "ring"
+Untared = type(
+    "Untared",
+    SimTorque.__bases__,
+    {name: value for name, value in vars(SimTorque).items() if name not in ("tare", "__dict__", "__weakref__")},
+)
+"""A torque sensor that lacks the method by which it is known; it is taken for an amplifier."""
+
+
+@pytest.mark.parametrize(
+    ("driver", "kind", "promise", "why"),
+    [
+        (
+            Deaf,
+            "ring",
+            "a ring refuses targets beyond its stroke",
+            "it does not refuse a target of -0.001 m (with a DeviceError that contains 'target_m')",
+        ),
+        (
+            Untared,
+            "emg",
+            "samples are numbered and in order",
+            "its samples have no fds_v, no edc_v; a torque sensor must have the method tare",
+        ),
+    ],
+)
+def test_a_driver_that_breaks_a_promise_is_reported_which_and_how(
+    driver: type, kind: str, promise: str, why: str
+) -> None:
+    name = f"{__name__}:{driver.__name__}"
+    assert kind_of(name) == kind
     broken = {
-        promise: why_broken(check, Subject("ring", name, simulated=True))
-        for promise, check in promises_of("ring").items()
+        promise: why_broken(check, Subject(kind, name, simulated=True))
+        for promise, check in promises_of(kind).items()
     }
-    why = broken.pop("a ring refuses targets beyond its stroke")
-    assert why == "it does not refuse a target of -0.001 m (with a DeviceError that contains 'target_m')"
+    assert broken.pop(promise) == why
     assert set(broken.values()) == {""}
 
 

@@ -126,7 +126,9 @@ def end(
 def note_without_effect(file: Path, checked: CheckedGraph) -> None:
     from palp_core.graph.description.checked import unpublished_words, without_effect
 
-    for text in filter(None, (without_effect(checked), unpublished_words(checked.unpublished))):
+    for text in filter(
+        None, (*checked.remarks, without_effect(checked), unpublished_words(checked.unpublished))
+    ):
         note(f"{file}: note: {text}")
 
 

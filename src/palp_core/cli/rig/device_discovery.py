@@ -114,12 +114,15 @@ def watch(
         sensor.open(time.monotonic_ns(), state, rng)
     try:
         _await_first(device, sensor, pause, patience_s)
-        end_ns = time.monotonic_ns() + round(seconds * 1e9) if seconds else 0
+        begin_ns = time.monotonic_ns()
+        sensor.drain(begin_ns, state, rng)  # what had waited is of before
+        end_ns = begin_ns + round(seconds * 1e9) if seconds else 0
         while not end_ns or time.monotonic_ns() < end_ns:
             pause.wait(every_s)
             now_ns = time.monotonic_ns()
             block = sensor.drain(now_ns, state, rng)
-            row = _row(block, str(sensor.health(now_ns).condition), every_s, sensor.rate_hz)
+            row = _row(block, str(sensor.health(now_ns).condition), (now_ns - begin_ns) / 1e9, sensor.rate_hz)
+            begin_ns = now_ns
             if isinstance(sensor, AtiTorque):
                 row["serial_number"] = sensor.sensor.serial_number
                 row["firmware"] = ".".join(map(str, sensor.sensor.firmware))
@@ -140,13 +143,13 @@ def _await_first(device: str, sensor: Any, pause: Event, patience_s: float) -> N
 
 
 def _row(
-    block: TorqueSamples | EmgSamples, condition: str, every_s: float, nominal_hz: float
+    block: TorqueSamples | EmgSamples, condition: str, span_s: float, nominal_hz: float
 ) -> dict[str, Any]:
     count = len(block.times_ns)
     row: dict[str, Any] = {
         "state": condition,
         "samples": count,
-        "rate_hz": count / every_s,
+        "rate_hz": count / span_s,
         "nominal_hz": nominal_hz,
         "gaps": int(np.count_nonzero(block.gap)),
         "drift_ppm": block.clock.drift * 1e6,

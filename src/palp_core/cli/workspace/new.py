@@ -159,6 +159,8 @@ def _write(module: str, test: str, template: str, new: Named, kind: str = "") ->
         _tests_of(workspace, Path(module).parts[0]) / test: f"{template.removesuffix(f'_{kind}')}_test.py",
     }
     write_new(workspace, {path: text(name, values) for path, name in templates.items()})
+    if workspace != Path.cwd():
+        note(f"the workspace of this folder is {workspace}")
     for path in templates:
         print_text(str(workspace / path))
     for hiding, file, hidden, name in hidden_modules(workspace):

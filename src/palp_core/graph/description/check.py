@@ -238,5 +238,6 @@ def _checked(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
         report=description.report.value if description.report else "",
         listen=description.listen,
         view=description.view.value if description.view else "",
+        remarks=list(description.remarks),
         **build(nodes, description.seed),
     )

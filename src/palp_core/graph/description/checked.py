@@ -54,6 +54,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
+        remarks: What the launch file leaves out of those that it includes.
     """
 
     graph: str
@@ -74,6 +75,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     view: str = ""
     attached: dict[str, str] = {}
     checkpoint: CheckpointKeys | None = None
+    remarks: list[str] = []
 
     @property
     def readers(self) -> dict[str, list[int]]:

@@ -126,6 +126,7 @@ class LaunchFile:
         variants: The same with each other branch of each selection.
         shared: Shared parameters by name, but those of namespaces.
         unread: Nodes of which it is not known what they run, after a mistake.
+        remarks: What it leaves out of the files that it includes.
     """
 
     file: Path
@@ -145,6 +146,7 @@ class LaunchFile:
     listen: str = ""
     view: Located | None = None
     checkpoint: Located | None = None
+    remarks: tuple[str, ...] = ()
 
 
 def find_workspace(path: Path) -> Path:

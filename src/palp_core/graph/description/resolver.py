@@ -110,6 +110,7 @@ class _Resolver:
         self._nodes: dict[str, GraphNode] = {}
         self._marks: dict[str, Mark] = {}
         self._unread: set[str] = set()
+        self._remarks: dict[str, None] = {}
         self._file_count = 0
 
     def resolve(self, path: Path, overrides: Sequence[str]) -> LaunchFile:
@@ -171,6 +172,7 @@ class _Resolver:
             listen=root.listen,
             view=Located(root.view, items["view"].value.mark) if root.view else None,
             checkpoint=Located(root.checkpoint, items["checkpoint"].mark) if root.checkpoint else None,
+            remarks=() if root.report else tuple(self._remarks),
         )
 
     def _open(self, path: Path) -> tuple[dict[str, Entry], Mark, set[str]]:
@@ -246,6 +248,9 @@ class _Resolver:
             reader.refuse(args, "args of an include must map each argument to its value")
             args = Mapping(place, {})
         file = SourceFile(path, items, *self._given, place, outer, args.items)
+        if "report" in items and "namespace" not in keys:
+            report = file.evaluate(items["report"].value)
+            self._remarks[f"no report is made, {path.name} being included; add report: {report}"] = None
         if "namespace" in keys:
             namespace = reader.key(IncludeKeys, "namespace", keys["namespace"].value)
             file.namespace = "" if namespace is UNKNOWN else namespace

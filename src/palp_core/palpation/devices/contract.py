@@ -187,7 +187,10 @@ class SensorContract(DeviceContract):
         assert np.all(step >= 1), "its samples' numbers do not grow"
         assert np.all((step == 1) | found["gap"][1:]), "a number is missing where there is no gap"
         assert not np.any(found.get("faulty", False)), "samples of a device that is well are faulty"
-        for name in {"torque": ("torque_n_m",), "emg": ("fds_v", "edc_v")}[subject.kind]:
+        names = {"torque": ("torque_n_m",), "emg": ("fds_v", "edc_v")}[subject.kind]
+        lacking = ", no ".join(name for name in names if name not in found)
+        assert not lacking, f"its samples have no {lacking}; a torque sensor must have the method tare"
+        for name in names:
             assert found[name].shape == found["times_ns"].shape, f"{name} has not a value for each time"
             assert np.all(np.isfinite(found[name])), f"{name} is NaN or infinite"
 
