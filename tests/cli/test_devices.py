@@ -231,3 +231,9 @@ def test_a_sensor_of_one_axis_has_a_torque_and_no_forces() -> None:
     block = TorqueSamples(np.array([1, 2]), np.array([0.01, 0.03]), 0, gap=no, faulty=no)
     row = device_discovery._row(block, "ok", 1.0, 1000.0)
     assert (row["torque_n_m"], "fx_n" in row) == (pytest.approx(0.02), False)
+
+
+def test_a_rate_is_of_the_time_that_has_passed_however_late_it_is_looked_at() -> None:
+    exact = "palp_core.palpation.devices.sim.torque:SimTorque"
+    rows = list(device_discovery.watch(exact, {"rate_hz": 1000.0}, 0.2, 0.05, 5.0))
+    assert [row["rate_hz"] for row in rows] == [pytest.approx(1000.0, abs=25.0)] * len(rows)  # a sample of 50
