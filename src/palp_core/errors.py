@@ -43,11 +43,11 @@ class LifecycleError(PalpError):
 
 
 class GoalRejected(PalpError):
-    """A node does not take a goal of an action: raised by its ``@accept``; the client hears the text."""
+    """A node does not take a goal of an action: raised by its ``@accept``; the client gets the text."""
 
 
 class CancelRejected(PalpError):
-    """A node does not cancel a goal now: raised by its ``@on_cancel``; whoever asked hears the text."""
+    """A node does not cancel a goal now: raised by its ``@on_cancel``; the one who asked gets the text."""
 
 
 class PublishTimeout(PalpError, TimeoutError):

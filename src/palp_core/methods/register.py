@@ -15,6 +15,8 @@ from palp_core.errors import MethodError, PalpError
 from palp_core.published import published
 
 Range = tuple[float, float]
+"""Least and largest value of a quantity, both included."""
+
 Quantities = Mapping[str, float | tuple[float, ...]]
 """Quantities of a scene by name, SI; one value, or several that all occur."""
 

@@ -70,7 +70,11 @@ _NEAR = _geometry((0.007, 0.008), (0.0055, 0.0065), (0.028, 0.032), (0.48, 0.495
 _ABOUT = _geometry((0.006, 0.009), (0.0045, 0.0075), (0.025, 0.040), (0.46, 0.4999))
 _USUAL = _load((15e3, 40e3), (0.25, 0.45), (0.003, 0.005))
 _WIDE = _load((8e3, 40e3), (0.2, 0.45), (0.0025, 0.005))
+_FIRM = _load((8e3, 40e3), (0.25, 0.45), (0.002, 0.005))
 _ANY = _load((3e3, 60e3), (0.2, 0.6), (0.001, 0.005))
+PHANTOMS: Mapping[str, _Box] = {"published": _PUBLISHED, "close": _PAPER, "near": _NEAR, "about": _ABOUT}
+LOADS: Mapping[str, _Box] = {"usual": _USUAL, "wide": _WIDE, "any": _ANY, "firm": _FIRM}
+"""Boxes by the names that ``docs/results/mechanics.md`` has for them."""
 _ALL_RINGS, _RINGS = (0.0, 0.016), (0.004, 0.016)
 _DEEPEST_M = 0.012
 _BESIDE, _OVER = (0.0, 0.002), (0.0, 0.0)
@@ -103,7 +107,7 @@ def _depths(output: str, error: float, deepest_m: float, ring_m: Range, ratio: f
 
 
 _FINITE: _Box = {**_PAPER, "pressed_share": (0.0, PRESSED_MAX), "beside_m": _OVER}
-_FINITE_LOAD: _Box = {**_load((8e3, 40e3), (0.25, 0.45), (0.002, 0.005)), "ring_m": _RINGS}
+_FINITE_LOAD: _Box = {**_FIRM, "ring_m": _RINGS}
 _SHALLOW: _Box = {"beads": (1.0, 1.0), "depth_m": (0.0019, 0.0045)}
 _BEAD: _Box = {"beads": (1.0, 1.0), "depth_m": (0.0019, 0.0085)}
 _BEAD_OR_BARE: _Box = {"depth_m": (0.0019, _DEEPEST_M)}

@@ -78,6 +78,8 @@ Step = MountPhantom | Rehome | BeginTrial | Palpate | Wait
 
 @dataclass(frozen=True)
 class StepReply:
+    """How a step of the experiment ended."""
+
     # ``done`` for any step but a palpation in estimation, which is answered by the verdict: ``continue``,
     # ``decided``, ``undecided`` or ``dropped``. ``failed`` repeats a palpation
     word: Literal["done", "continue", "decided", "undecided", "dropped", "failed"] = "done"

@@ -146,6 +146,8 @@ class WorldResult(msgspec.Struct, kw_only=True):
 
 
 class SessionResult(msgspec.Struct, kw_only=True):
+    """The result of a session, as ``result.json`` holds it."""
+
     policy: str
     policy_class: str | UnsetType = UNSET
     policies: list[PolicySpan] | UnsetType = UNSET
@@ -232,6 +234,7 @@ def write_result(result: SessionResult, folder: Path) -> Path:
 
 
 def read_result(out: str | Path) -> SessionResult:
+    """Return the result in a session's folder."""
     path = Path(out) / RESULT
     try:
         return msgspec.json.decode(read_whole(path), type=SessionResult)

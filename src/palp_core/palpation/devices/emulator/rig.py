@@ -27,6 +27,8 @@ from palp_core.palpation.nano17 import FORCE_RESOLUTION_N
 from palp_core.user_folders import own_folder
 
 DEVICES = ("aerotech", "maestro", "ati", "noraxon", "lsl")
+"""The devices that can be emulated."""
+
 T = TypeVar("T")
 _FOR_EVER = 1 << 60
 _DEVICE_FAULTS = {
