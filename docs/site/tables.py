@@ -81,6 +81,21 @@ def summary() -> Iterator[Row]:
         yield reading, *(f"{_percent(row['accuracy'])} %, {float(row['seconds']):.1f} s" for row in rows)
 
 
+def speed() -> Iterator[Row]:
+    """Yield the quickest way of each reading, in the lab's world."""
+    yield "reading, policy, stop rule", "accuracy, %", "seconds"
+    found = _frontier()
+    for words, scheme in {
+        "trace within the sweep, information gain": "trace, information_gain, threshold, swift",
+        "contrast, fixed, threshold, short path and low lift": "contrast, fixed_best, threshold, swift",
+        "contrast, fixed, threshold": "contrast, fixed_best, threshold",
+        "peak, fixed, paper": "peak, fixed_best, paper",
+        "peak, information gain, threshold": "peak, information_gain, threshold",
+    }.items():
+        row = found["lab", scheme]
+        yield words, _accuracy(row), f"{float(row['seconds']):.1f}"
+
+
 def depths() -> Iterator[Row]:
     """Yield the error of a depth after one sweep at the best fixed position."""
     yield "reading", "paper's world, mm", "lab's world, mm"
@@ -159,7 +174,7 @@ def _box(within: dict[str, Range], boxes: Mapping[str, Mapping[str, Range]]) -> 
 
 def _bounds(prefix: str) -> Iterator[Row]:
     """Yield the bounds of the contact models on outputs that begin so."""
-    yield "model", "output", "within, %", "phantoms", "load", "d, mm", "yielding", "and"
+    yield "model", "output", "within, %", "phantoms", "load", "d, mm", "yielding", "further"
     for model in ("l2", "l4", "l5"):
         for bound in find("contact", model).bounds:
             if bound.output.startswith("finite_") != bool(prefix):
@@ -244,6 +259,7 @@ TABLES: dict[str, Callable[[], Iterable[Row]]] = {
     "summary": summary,
     "frontier_paper": lambda: _frontier_in("paper"),
     "frontier_lab": lambda: _frontier_in("lab"),
+    "speed": speed,
     "depths": depths,
     "mismatch": mismatch,
     "emg_levels": emg_levels,
@@ -275,7 +291,8 @@ def again(text: str) -> str:
     def made(found: re.Match[str]) -> str:
         section = text[found.end() :].partition("\n## ")[0]
         head, *rows = names(section) if found[2] == "names" else TABLES[found[2]]()
-        return found[1] + "".join(f"| {' | '.join(row)} |\n" for row in (head, ["---"] * len(head), *rows))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in (head, ["---"] * len(head), *rows))
+        return found[1] + table + ("" if text[found.end() :].startswith("\n") else "\n")
 
     return MARK.sub(made, text)
 
