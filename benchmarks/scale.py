@@ -35,6 +35,17 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 NODE = Path(__file__).parent / "scale_bench" / "nodes" / "beat.py"
 PATIENCE_S = 600.0
 RATE_HZ = 10.0
+WORDS = {
+    "start_s": "to the first message at every node, s",
+    "launcher_cpu_percent": "launcher, % of a core",
+    "node_cpu_percent": "a node, % of a core",
+    "wakeups_per_s": "wake-ups of a node a second, for 20 messages",
+    "memory_mib": "memory of all, MiB",
+    "descriptors": "descriptors of a node",
+    "launcher_descriptors": "descriptors of the launcher",
+    "lost": "messages lost",
+    "end_s": "to the end, s",
+}
 
 
 def launch_file(folder: Path, size: int) -> Path:
@@ -121,6 +132,12 @@ def switches(processes: list[psutil.Process]) -> int:
     return total
 
 
+def in_words(row: dict[str, float]) -> str:
+    """Return median, least and largest, three digits of each."""
+    median, least, most = (f"{float(f'{row[key]:.3g}'):g}" for key in ("median", "min", "max"))
+    return median if least == most else f"{median} ({least} to {most})"
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(
@@ -151,10 +168,9 @@ def main() -> None:
     if options.json:
         print(json.dumps({"rounds": options.rounds, "sizes": found, "launcher_cpu_per_node": float(slope)}))
         return
-    for size in sizes:
-        print(f"{size} nodes")
-        for key, row in found[size].items():
-            print(f"  {key:22} {row['median']:.3g} ({row['min']:.3g} to {row['max']:.3g})")
+    print(f"| nodes | {' | '.join(map(str, sizes))} |\n|{'---|' * (1 + len(sizes))}")
+    for key, words in WORDS.items():
+        print(f"| {words} | {' | '.join(in_words(found[size][key]) for size in sizes)} |")
     print(f"the launcher: {start:.2f} % of a core, and {slope:.4f} % for each node")
 
 

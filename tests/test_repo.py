@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from docs.site.made_pages import MADE
 from palp_core.cli.workspace.new import named
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.diagram import mermaid
@@ -260,7 +259,7 @@ def classes_named(text: str) -> set[str]:
 
 def test_what_a_text_names_is_there() -> None:
     texts = {name_of(path): path.read_text(encoding="utf-8") for path in TEXTS}
-    there = {f"/{name_of(file)}".removesuffix(".txt") for file in tree()} | {f"/docs/{page}" for page in MADE}
+    there = {f"/{name_of(file)}".removesuffix(".txt") for file in tree()}
     sources = "\n".join(file.read_text(encoding="utf-8") for file in written_files() if file.suffix == ".py")
     known = {name for name in set().union(*map(modules_named, texts.values())) if is_module_or_in_one(name)}
     known |= set(re.findall(r"[A-Z]\w+", sources))

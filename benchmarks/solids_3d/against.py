@@ -176,7 +176,9 @@ def main(file: Path = FILE) -> None:
     """Print the table."""
     rows = read(file)
     pressed = (0.001, 0.002, 0.003, 0.004)
-    _print("| d | model | N at 1; 2; 3; 4 mm | U_s over N there | peak | contrast |\n|---|---|---|---|---|---|")
+    _print(
+        "| d | model | N at 1; 2; 3; 4 mm | U_s over N there | peak | contrast |\n|---|---|---|---|---|---|"
+    )
     for depth_m in DEPTHS_M:
         errors = list(output_errors(rows, depth_m))
         for name, rung in rungs_at(depth_m).items():
@@ -184,9 +186,8 @@ def main(file: Path = FILE) -> None:
             peak = max((one[2] for one in errors if one[1] == name), key=abs)
             contrast = max((one[3] for one in errors if one[1] == name), key=abs)
             words = ["; ".join(f"{value:+.2%}" for value in values) for values in (normal, lateral)]
-            _print(
-                f"| {depth_m * 1e3:g} mm | {name.upper()} | {words[0]} | {words[1]} | {peak:+.2%} | {contrast:+.2%} |"
-            )
+            words += [f"{peak:+.2%}", f"{contrast:+.2%}"]
+            _print(f"| {depth_m * 1e3:g} mm | {name.upper()} | {' | '.join(words)} |")
 
 
 if __name__ == "__main__":

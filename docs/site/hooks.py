@@ -37,6 +37,7 @@ def named_in(nav: Any) -> set[str]:
 def on_files(files: Files, config: Any) -> Files:
     """Add the pages that are made, the schemas of files and the diagrams' library."""
     for place, make in MADE.items():
+        files.remove(files.src_uris[place])  # what a checkout has in its place
         files.append(File.generated(config, place, content=make()))
     for schema in sorted((ROOT / "launch").glob("*.schema.json")):
         files.append(File.generated(config, f"reference/{schema.name}", abs_src_path=str(schema)))

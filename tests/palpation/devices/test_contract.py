@@ -110,7 +110,11 @@ class Deaf(SimRing):
 Untared = type(
     "Untared",
     SimTorque.__bases__,
-    {name: value for name, value in vars(SimTorque).items() if name not in ("tare", "__dict__", "__weakref__")},
+    {
+        name: value
+        for name, value in vars(SimTorque).items()
+        if name not in ("tare", "__dict__", "__weakref__")
+    },
 )
 """A torque sensor that lacks the method by which it is known; it is taken for an amplifier."""
 
