@@ -120,6 +120,8 @@ PROBATIONS: list[tuple[str, str, int, list[str]]] = [
     ("Novice", "raise", 0, ["Relay"]),
     ("Novice", "lie", 3, ["Relay", "Novice", "Relay"]),
     ("Novice", "finish", 3, ["Relay", "Novice", "Relay"]),
+    ("Novice", "lose", 3, ["Relay", "Novice", "Relay"]),
+    ("Boaster", "boast", 0, ["Relay"]),
     ("Loner", "raise", 0, ["Relay"]),
     ("Novice", "", 0, ["Relay", "Novice"]),
 ]

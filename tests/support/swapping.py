@@ -286,6 +286,8 @@ class Novice(Relay):
         Relay.pass_on(self, num)
         if due and self.params.deed == "lie":
             self.state.drawn = "no list"
+        if due and self.params.deed == "lose":
+            self.state = None
         if due and self.params.deed == "finish":
             self.finish()
 
@@ -326,6 +328,12 @@ class Seldom(Trainee):
 
     proven_by = "feat_count"
     feat_count = property(lambda self: self.count // 50)
+
+
+class Boaster(Seldom):
+    """Counts what proves it in words."""
+
+    feat_count = "many"
 
 
 class Idle(Seldom):

@@ -270,17 +270,20 @@ class Executor:
     def _state_bytes(self) -> bytes:
         """Return the encoded state; a node with one that cannot be written down fails."""
         try:
+            if not isinstance(self.node.state, State):
+                raise TypeError(f"it is {self.node.state!r:.60}, no State")
             return encode_any(self.node.state)
         except (SchemaMismatch, TypeError, ValueError, OverflowError) as error:
             raise self._fail(error, f"its state cannot be written down: {error}") from error
 
     def snapshot(self) -> HandOver:
+        state = self._state_bytes()
         state_class, state_version = state_identity(type(self.node.state))
         return HandOver(
             node_class=class_name(type(self.node)),
             state_class=state_class,
             state_version=state_version,
-            state=self._state_bytes(),
+            state=state,
             params=msgspec.to_builtins(self.node.params),
             epoch=self.epoch,
             now_ns=self._now_ns,

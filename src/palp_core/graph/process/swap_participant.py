@@ -109,11 +109,15 @@ class WorkReporter:
         except SchemaMismatch as error:
             raise NodeError(executor.name, f"its state is not what its class declares: {error}") from error
         run_count, counter = self._reported - self._begun_at, executor.node.proven_by
+        proof_count = getattr(executor.node, counter) if counter else run_count
+        if type(proof_count) is not int or not 0 <= proof_count < 2**63:
+            text = f"its {counter} is {proof_count!r:.60}; it must be a whole number of at least 0"
+            raise NodeError(executor.name, text)
         return swap_messages.WorkReport(
             encode_any(written),
             frames,
             run_count,
-            getattr(executor.node, counter) if counter else run_count,
+            proof_count,
             counter.removesuffix("_count") or swap_messages.HANDLER,
             last,
             list(executor.ends.timed),
