@@ -200,20 +200,29 @@ def test_the_digest_of_the_key_belongs_to_the_run_and_its_bag(out: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("damage", "words"),
+    ("gone", "damage", "words"),
     [
-        (lambda head, *rows: [head], "has no rows"),
-        (lambda head, *rows: [head, *rows[:5], rows[5][:40]], "the last row is cut short: '5,S01"),
-        (lambda head, *rows: [head, *rows[:5]], "has no row of the trial emg/S01/estimation/03_"),
+        ("", lambda head, *rows: [head], "has no rows"),
+        ("", lambda head, *rows: [head, *rows[:5], rows[5][:40]], "the last row is cut short: '5,S01"),
         (
+            "human.json",
+            lambda head, *rows: [head, *rows[:5]],
+            "has no row of the trial emg/S01/estimation/03_",
+        ),
+        ("emg", lambda head, *rows: [head, *rows[:5]], "has 5 of the 6 trials in human.json; restore"),
+        ("emg", lambda head, *rows: [head, *rows[:3], *rows[4:]], "csv:5: row 3 is missing before it"),
+        (
+            "",
             lambda head, *rows: [head, *rows[:5], with_code(rows[5], "Z9")],
             "row 5: no code 'Z9' in .*key.sealed",
         ),
     ],
 )
 def test_a_table_that_lacks_a_trial_is_not_unsealed(
-    copy: Path, damage: Callable[..., list[str]], words: str
+    copy: Path, gone: str, damage: Callable[..., list[str]], words: str
 ) -> None:
+    if gone:
+        (copy / gone).rename(copy.with_name("gone"))
     table = copy / HUMAN_TABLE
     table.write_text("".join(damage(*table.read_text().splitlines(keepends=True))))
     before = {path: path.read_bytes() for path in copy.iterdir() if path.is_file()}

@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar, get_args, get_type_hints
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, in_words
 from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
 from palp_core.whole_file import append_whole, read_whole, write_whole
@@ -156,7 +156,8 @@ class SessionTable:
 def read_table(path: Path, missing: str, form: TableForm[R], *, whole: bool = False) -> list[R]:
     """Return every row of a session's table.
 
-    A last row that was cut short is left out, with a warning, or refused where the table is to be ``whole``.
+    A last row that was cut short is left out, with a warning. A table that is to be ``whole`` is refused
+    then, and if a row is missing.
     """
     try:
         text = read_whole(path).decode()
@@ -178,6 +179,8 @@ def read_table(path: Path, missing: str, form: TableForm[R], *, whole: bool = Fa
         for cells in lines:
             where = f"{path}:{lines.line_num}"
             row = _row(where, columns, cells, form)
+            if whole and row.row != len(rows):
+                raise PalpError(f"{where}: row {len(rows)} is missing before it; restore the table")
             if rows and row.row <= rows[-1].row:
                 raise PalpError(
                     f"{where}: row {row.row} follows row {rows[-1].row}: a part of the table "
@@ -195,6 +198,6 @@ def _row(where: str, columns: Sequence[str], cells: Sequence[str], form: TableFo
     except (ValueError, msgspec.ValidationError) as error:
         counts = f" ({len(cells)} cells under {len(columns)} columns)" if len(cells) != len(columns) else ""
         raise PalpError(
-            f"{where}: the row is damaged{counts}: {error}; "
+            f"{where}: the row is damaged{counts}: {in_words(error)}; "
             "fix or remove this line, and every other row can be read"
         ) from error

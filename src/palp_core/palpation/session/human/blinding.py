@@ -6,6 +6,7 @@ Training goes by the phantoms' own codes, with their depths. Which code is which
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from palp_core.palpation.mechanics.scene.sealed import (
 from palp_core.palpation.session.audit import WHOLE_SESSION, decide, decisions
 from palp_core.palpation.session.human.record import (
     HUMAN_TABLE,
+    RESULT,
     emg_without_row,
     human_table_text,
     read_human,
@@ -102,7 +104,11 @@ def _unseal(folder: Path, reason: str, key: Path) -> list[tuple[str, str, float]
     decided = any(one.deed == "unseal" for one in decisions(folder))
     begun = decided and not (folder / OPENED).exists()
     if all(row.depth_m is not None for row in rows) and not begun:
-        raise PalpError(f"'{folder}' is not sealed")
+        raise PalpError(f"'{folder}' is not sealed; palp session report {folder} makes its report again")
+    reported = json.loads(read_whole(folder / RESULT)) if (folder / RESULT).exists() else {}
+    count = sum(sum(reported.get(name, {}).values()) for name in ("trials", "left_out"))
+    if count > len(rows):
+        raise PalpError(f"{table} has {len(rows)} of the {count} trials in {RESULT}; restore the table")
     if lost := emg_without_row(folder, rows):
         raise PalpError(
             f"{table} has no row of the trial {lost[0].relative_to(folder)}; restore the table, or move "

@@ -32,6 +32,7 @@ from palp_core.whole_file import whole_file, write_json
 
 HUMAN_TABLE = "human_trials.csv"
 IDENTITY = "identity.json"
+RESULT = "human.json"
 EMG = "emg"
 DISCARDED = "emg_discarded"
 

@@ -14,7 +14,13 @@ from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.blinding import draw_key, refuse_other_key
-from palp_core.palpation.session.human.record import HUMAN_TABLE, is_human_session, read_human, refuse_human
+from palp_core.palpation.session.human.record import (
+    HUMAN_TABLE,
+    RESULT,
+    is_human_session,
+    read_human,
+    refuse_human,
+)
 from palp_core.palpation.session.session_folder import RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
     asked_human_sheet,
@@ -33,7 +39,6 @@ if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.palpation.reporting.charts import Chart
 
-RESULT = "human.json"
 PAGE = "human.html"
 
 
