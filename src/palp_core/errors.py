@@ -23,6 +23,7 @@
 A message says what is wrong, where, and what to do. Data rides as attributes.
 """
 
+import re
 from pathlib import Path
 
 
@@ -130,7 +131,43 @@ class DeviceTimeout(DeviceError, TimeoutError):
     """A device did not answer in time."""
 
 
+_MISFIT = re.compile(
+    r"(?:Expected `(?P<wanted>.*?)`(?P<bound>.*?)(?:, got `?(?P<got>\w+)`?)?"
+    r"|Object (?P<fault>missing|contains) .* `(?P<key>[^`]*)`|Invalid (?:enum )?value (?P<value>.*?))"
+    r"(?: - at `(?:key` in `)?\$\.?(?P<place>.*)`)?"
+)
+_KINDS = {"int": "a whole number", "float": "a number", "str": "a text", "bool": "true or false"}
+_KINDS |= {"array": "a list", "object": "a mapping"}
+_BOUNDS = {">=": "at least", "<=": "at most", ">": "above", "<": "below"}
+
+
 def in_words(error: BaseException) -> str:
-    """Return what an error says, and its notes; palp's own messages are sentences, others need their type."""
-    said = str(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
+    """Return what an error says, and its notes; palp's own messages are sentences, others need their type.
+
+    >>> import msgspec
+    >>> in_words(msgspec.ValidationError("Expected `float | null`, got `str` - at `$.rows[2].x_m`"))
+    'rows[2].x_m must be a number or null, not a text'
+    """
+    said = str(error)
+    if type(error).__module__ == "msgspec":  # asked by name: the import costs more than a short command
+        said = _misfit(said)
+    elif not isinstance(error, PalpError):
+        said = f"{type(error).__name__}: {said}"
     return "; ".join([said, *getattr(error, "__notes__", ())])
+
+
+def _misfit(text: str) -> str:
+    found = _MISFIT.fullmatch(text)
+    if found is None:
+        return text
+    place = found["place"] or ""
+    if found["key"] is not None:
+        key = f"{place}.{found['key']}".removeprefix(".")
+        return f"{key} is missing" if found["fault"] == "missing" else f"there is no key {key}"
+    if found["value"] is not None:
+        return f"{place or 'it'} is {found['value']}, which is none of its choices"
+    wanted = " or ".join(_KINDS.get(kind, kind) for kind in found["wanted"].split(" | "))
+    bound = re.sub("^ (?=[<>]=)", " of ", found["bound"])
+    bound = re.sub("([<>]=?) (\\S+)", lambda it: f"{_BOUNDS[it[1]]} {float(it[2]):,.15g}", bound)
+    got = f", not {_KINDS.get(got, got)}" if (got := found["got"]) else ""
+    return f"{place or 'it'} must be {wanted}{bound}{got}"

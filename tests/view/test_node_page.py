@@ -43,7 +43,7 @@ class Node:
 
     def set_parameters(self, _: str, texts: dict[str, str]) -> dict[str, Any]:
         if texts.get("level") == "5":
-            raise GraphError("/sink: parameters: Expected `float` <= 1.0 - at `$.level`")
+            raise GraphError("/sink: parameters: level must be a number of at most 1")
         return {name: one["value"] for name, one in self.declared.items()} | texts
 
 
@@ -62,7 +62,7 @@ def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside
         assert choice.options == ["slow", "fast"]
         field.value = "5"
         user.find(ui.input).trigger("keydown.enter")
-        await user.should_see("level: 5 is refused: expected float <= 1.0")
+        await user.should_see("level must be a number of at most 1")
         await user.should_see("0.25")
         field.value = "0.75"
         user.find(ui.input).trigger("keydown.enter")

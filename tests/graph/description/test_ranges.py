@@ -51,7 +51,7 @@ def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_t
     )
     for place, message in mistakes:
         assert place.startswith(f"{variable}:")
-        assert "does not fit: Expected" in message
+        assert "does not fit: it must be" in message
         assert "give" in message
 
 

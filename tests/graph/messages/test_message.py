@@ -127,7 +127,7 @@ def test_damaged_bytes_raise_schema_mismatch_and_nothing_else(message: Everythin
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1000.1, -1000.1])
 def test_a_bounded_number_refuses_nan_infinity_and_what_is_out_of_bounds(value: float) -> None:
-    with pytest.raises(SchemaMismatch, match=r"\$\.x_m"):
+    with pytest.raises(SchemaMismatch, match="x_m must be a number of at"):
         decode(Point, encode(Point(x_m=value)))
     with pytest.raises(SchemaMismatch):
         decode(Route, encode(Route(places_m=[0.0, value])))

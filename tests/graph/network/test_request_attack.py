@@ -185,7 +185,7 @@ def test_ids_that_are_none_in_one_burst_with_repeated_ones_harm_nothing(sockets:
     burst = [msgpack.packb({**request, "id": token}) for token in tokens]
     with Attacked(sockets, sockets.requests.run_deferred) as attacked:
         refused, *answered = attacked.ask(burst)
-    assert "`$.id`" in refused["error"]
+    assert "id must be a text or null" in refused["error"]
     assert answered == [{"parameters": {"offset": 1}}] * 2
 
 
@@ -336,9 +336,12 @@ def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None
 @pytest.mark.parametrize(
     ("malformed", "words"),
     [
-        (msgpack.packb({"op": "join", "request": {**GUEST, "pid": "x"}}), "$.request.pid"),
-        (msgpack.packb({"op": "join"}), "missing required field `request`"),
-        (msgpack.packb({"op": "join", "request": {**GUEST, "host": "h" * 5000}}), "$.request.host"),
+        (
+            msgpack.packb({"op": "join", "request": {**GUEST, "pid": "x"}}),
+            "request.pid must be a whole number",
+        ),
+        (msgpack.packb({"op": "join"}), "request is missing"),
+        (msgpack.packb({"op": "join", "request": {**GUEST, "host": "h" * 5000}}), "request.host must be"),
         (msgpack.packb({"op": "nonsense"}), "nonsense"),
         (msgpack.packb({"op": "subscribe", "topic": "/x/y"}), "/x/y"),
         (b"\x81\xa2op", "not a message of this protocol"),

@@ -98,7 +98,7 @@ def test_all_that_a_map_names_crosses_and_nothing_is_lost(beside: Palp) -> None:
     assert told["topics"]["/torque_samples"] == told.pop("topics")["/load"] == ["std_msgs/msg/Float64"]
     refused = told.pop("refused")
     assert refused[0] is False
-    assert "Expected `float` >= 0.001" in refused[1]
+    assert "must be a number of at least 0.001" in refused[1]
     assert told == {
         "frame": "probe", "tare": [True, "tared at 12.5 N m"], "listed": ["block_hz"],
         "described": "float Hz", "set": [True, ""], "got": 25.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -81,6 +82,10 @@ def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> Non
     lines = (bad / "trials.csv").read_text(encoding="utf-8").splitlines()
     (bad / "trials.csv").write_text("\n".join([*lines[:3], lines[3][:20], *lines[4:], ""]), encoding="utf-8")
     (session(tmp_path, "torn", [True]) / "run.json").write_text("{", encoding="utf-8")
+    note = session(tmp_path, "retyped", [True]) / "run.json"
+    note.write_text(
+        re.sub(r'"file": ?"[^"]*"', '"file": 3', note.read_text(encoding="utf-8")), encoding="utf-8"
+    )
     (session(tmp_path, "unknown", [True]) / "run.json").unlink()
     shutil.rmtree(session(tmp_path, "nothing", [True]) / "sweeps")
     (tmp_path / "nothing" / "trials.csv").unlink()
@@ -91,6 +96,7 @@ def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> Non
         "stopped": "unfinished",
         "bad": "damaged",
         "torn": "damaged",
+        "retyped": "damaged",
         "unknown": "damaged",
         "nothing": "empty",
     }
@@ -100,6 +106,9 @@ def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> Non
     assert found["stopped"].words == "unfinished: 2 of 6 trials, because: Ctrl-C"
     assert "trials.csv:4: the row is damaged" in found["bad"].words
     assert "run.json cannot be read" in found["torn"].words
+    assert re.search(
+        r"run.json cannot be read: file must be a text, not a whole number; restore", found["retyped"].words
+    )
     assert "run.json is missing" in found["unknown"].words
     assert found["unknown"].began.startswith("~")
 

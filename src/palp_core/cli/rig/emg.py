@@ -12,7 +12,7 @@ from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.counted import counted
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, in_words
 
 if TYPE_CHECKING:
     from palp_core.palpation.perception.emg.analysis import EmgSettings
@@ -71,7 +71,7 @@ def emg_settings(words: list[str] | None) -> EmgSettings:
     try:
         return msgspec.convert(own, EmgSettings)
     except msgspec.ValidationError as error:
-        raise PalpError(f"--set: {error}") from error
+        raise PalpError(f"--set: {in_words(error)}") from error
 
 
 def analyse(

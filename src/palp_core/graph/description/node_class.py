@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from palp_core.errors import BagError, GraphError
+from palp_core.errors import BagError, GraphError, in_words
 from palp_core.extras import advice
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import MessageType
@@ -291,7 +291,9 @@ def param_errors(node: Declaration, given: Mapping[str, Any]) -> dict[str, str]:
         try:
             msgspec.convert(value, kinds[name])
         except msgspec.ValidationError as error:
-            errors[name] = f"parameter '{name}' does not fit: {error}; {_wanted(declared[name], value)}"
+            errors[name] = (
+                f"parameter '{name}' does not fit: {in_words(error)}; {_wanted(declared[name], value)}"
+            )
     meant = {nearest(name, declared) for name in errors if name not in declared}
     for name, param in declared.items():
         if param.required and name not in given and name not in meant:

@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import functools
-import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 from msgspec.structs import FieldInfo
 
+from palp_core.errors import in_words
 from palp_core.graph.description.source_file import SourceFile
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Tree, shortened
 from palp_core.graph.description.yaml_tree import Mapping as TreeMapping
 from palp_core.graph.problems import Problems, hint, nearest
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
-
-_EXPECTED = re.compile(r"Expected `(?P<type>\w+)(?: \| \w+)*`(?: (?P<sign>[<>])= (?P<bound>\S+))?")
-_WANTED: Mapping[str, str] = {
-    "bool": "it must be true or false",
-    "int": "it must be a whole number{}, without quotes",
-    "float": "it must be a number{}, without quotes",
-    "array": "write a list, as in [a, b]",
-    "str": "write a text",
-}
-"""What to do by the type that msgspec expected."""
 
 
 @functools.cache
@@ -97,7 +87,7 @@ class TreeReader:
         try:
             return msgspec.convert(value, kind)
         except msgspec.ValidationError as error:
-            self.refuse(tree, f"{what} is '{flat(value)}'; {_wanted(str(error), kind, value)}")
+            self.refuse(tree, f"{what} is '{flat(value)}'; {_wanted(error, kind, value)}")
         return UNKNOWN
 
     def evaluate(self, tree: Tree) -> Any:
@@ -130,16 +120,11 @@ def _struct_in(kind: Any) -> type[msgspec.Struct] | None:
     return next((p for p in _parts(kind) if isinstance(p, type) and issubclass(p, msgspec.Struct)), None)
 
 
-def _wanted(error: str, kind: Any, value: Any) -> str:
+def _wanted(error: msgspec.ValidationError, kind: Any, value: Any) -> str:
     """Return what must stand in the place of a value that msgspec refused."""
     choices = [str(w) for part in _parts(kind) if get_origin(part) is Literal for w in get_args(part)]
     if choices:
         match = nearest(flat(value), choices)
         return f"it must be {' or '.join(choices)}" + (f"; did you mean '{match}'?" if match else "")
     form = next((meta.extra["form"] for meta in _metas(kind) if meta.extra and "form" in meta.extra), None)
-    found = _EXPECTED.search(error)
-    if form is not None or found is None:
-        return f"write {form or 'a text'}"
-    side = "least" if found["sign"] == ">" else "most"
-    bound = f" of at {side} {float(found['bound']):,.15g}" if found["sign"] else ""
-    return _WANTED.get(found["type"], "write a text").format(bound)
+    return in_words(error) if form is None else f"write {form}"

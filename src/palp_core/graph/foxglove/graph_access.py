@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.errors import GraphError, SchemaMismatch, in_words
 from palp_core.graph.bag.forms import json_form
 from palp_core.graph.discovery.message_yaml import packed
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
@@ -147,7 +147,7 @@ def to_json(schema: JsonSchema) -> Callable[[bytes | memoryview], bytes]:
         try:
             return msgspec.json.encode(plain(decode(payload)))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise SchemaMismatch(f"it does not fit its schema: {error}") from error
+            raise SchemaMismatch(f"it does not fit its schema: {in_words(error)}") from error
 
     return convert
 
@@ -161,5 +161,5 @@ def from_json(text: bytes, schema: dict[str, Any]) -> dict[str, Any]:
         value = msgspec.json.decode(text or b"{}")
         message: dict[str, Any] = packed(value, schema, "")
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, SchemaMismatch) as error:
-        raise GraphError(f"no {title}: {error}") from error
+        raise GraphError(f"no {title}: {in_words(error)}") from error
     return message

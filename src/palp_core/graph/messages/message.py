@@ -11,7 +11,7 @@ from typing import Any, TypeVar, dataclass_transform
 import msgspec
 import numpy as np
 
-from palp_core.errors import SchemaMismatch
+from palp_core.errors import SchemaMismatch, in_words
 from palp_core.graph.messages.schema import MessageMeta, schema_of
 
 T = TypeVar("T")
@@ -97,7 +97,7 @@ def decode_any(cls: type[T], data: bytes | memoryview, *, writable: bool = False
     try:
         return _decoder(cls, writable).decode(data)
     except _NOT_DECODED as error:
-        raise SchemaMismatch(f"not a {cls.__name__}: {error}") from error
+        raise SchemaMismatch(f"not a {cls.__name__}: {in_words(error)}") from error
 
 
 def decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], M]:
@@ -112,7 +112,7 @@ def _checked(
         try:
             found = decode_plain(data)
         except _NOT_DECODED as error:
-            raise SchemaMismatch(f"not a {what}: {error}") from error
+            raise SchemaMismatch(f"not a {what}: {in_words(error)}") from error
         if check is not None:
             check(found)
         return found

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, in_words
 from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE, fields_of, has_elements, is_array, items_of
 from palp_core.graph.problems import hint
 
@@ -28,7 +28,9 @@ def decoded(payload: bytes | memoryview, schema: dict[str, Any]) -> dict[str, An
     try:
         message = msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise GraphError(f"a {schema.get('title', 'message')} that is not msgpack: {error}") from error
+        raise GraphError(
+            f"a {schema.get('title', 'message')} that is not msgpack: {in_words(error)}"
+        ) from error
     if not isinstance(message, dict):
         raise GraphError(f"a {schema.get('title', 'message')} that is not a map but {type(message).__name__}")
     plain: dict[str, Any] = readable(message, schema)

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import msgspec
 
-from palp_core.errors import SchemaMismatch
+from palp_core.errors import SchemaMismatch, in_words
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelMessage
@@ -206,7 +206,7 @@ def decode_message(raw: bytes) -> JoinMessage:
     try:
         return _DECODER.decode(raw)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise SchemaMismatch(f"not a message of this protocol: {error}") from error
+        raise SchemaMismatch(f"not a message of this protocol: {in_words(error)}") from error
 
 
 def is_hello(raw: bytes) -> bool:

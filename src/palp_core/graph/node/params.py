@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, in_words
 from palp_core.graph.node.node import Declaration, Params
 from palp_core.graph.node.ports import Timer
 
@@ -17,7 +17,7 @@ def load_params(declared: Declaration, values: Mapping[str, Any], where: str) ->
     try:
         params = msgspec.convert(dict(values), declared.params)
     except msgspec.ValidationError as error:
-        raise GraphError(f"{where}: parameters: {error}") from error
+        raise GraphError(f"{where}: parameters: {in_words(error)}") from error
     for name, timer in declared.of(Timer).items():
         rate_hz = getattr(params, timer.hz)
         if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:

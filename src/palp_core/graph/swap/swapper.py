@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError, NodeError
+from palp_core.errors import GraphError, NodeError, in_words
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.description.wire_check import disagreements
@@ -69,7 +69,7 @@ class Swapper:
         try:
             params = msgspec.json.decode(asked.params, type=dict[str, Any])
         except msgspec.MsgspecError as error:
-            text = f"'params' of its Swap message is not a JSON map: {error}: {asked.params!r}"
+            text = f"'params' of its Swap message is not a JSON map: {in_words(error)}: {asked.params!r}"
             raise NodeError(name.split("/")[1], text) from error
         self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
 

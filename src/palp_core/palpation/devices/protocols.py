@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, in_words
 from palp_core.palpation.devices.health import DeviceHealth
 from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.units import Float64Array
@@ -378,7 +378,7 @@ def restored(device: Device[S], kept: object) -> S:
     try:
         state = msgspec.convert(kept, device.state_type)
     except (msgspec.ValidationError, TypeError) as error:
-        raise _another_state(device, str(error)) from error
+        raise _another_state(device, in_words(error)) from error
     if isinstance(kept, Mapping) and (strange := set(kept) ^ set(msgspec.to_builtins(state))):
         raise _another_state(device, f"they differ in {', '.join(sorted(map(str, strange)))}")
     return state

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_type_hints, overload
 
 import msgspec
 
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, in_words
 from palp_core.foreign import catch_foreign, import_foreign
 from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.protocols import (
@@ -177,7 +177,7 @@ def _converted(where: str, value: Any, wanted: Any) -> Any:
     except msgspec.ValidationError as error:
         with suppress(msgspec.ValidationError):
             return msgspec.convert(_digits_as_text(value), wanted)
-        raise DeviceError(f"{where} = {value!r}: {error}") from error
+        raise DeviceError(f"{where} = {value!r}: {in_words(error)}") from error
     except TypeError:  # a type that is not plain data, as an array is
         return value
 

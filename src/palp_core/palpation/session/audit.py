@@ -19,7 +19,7 @@ from typing import Literal
 
 import msgspec
 
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, in_words
 from palp_core.palpation.reporting.table import csv_text
 from palp_core.whole_file import append_whole, read_whole
 
@@ -80,7 +80,7 @@ def decisions(folder: Path) -> list[Decision]:
     try:
         return [msgspec.convert(dict(cells), Decision, strict=False) for cells in lines]
     except (msgspec.ValidationError, csv.Error) as error:
-        raise PalpError(f"{path}:{lines.line_num}: the line is damaged: {error}") from error
+        raise PalpError(f"{path}:{lines.line_num}: the line is damaged: {in_words(error)}") from error
 
 
 def left_out(folder: Path) -> dict[TrialKey, str]:

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.errors import BagDamaged, MechanicsError, PalpError
+from palp_core.errors import BagDamaged, MechanicsError, PalpError, in_words
 from palp_core.graph.bag.reader import Bag, BagMessage
 from palp_core.graph.launch.run_journal import RunJournal
 from palp_core.graph.launch.summary import RunSummary
@@ -286,7 +286,7 @@ def launch_of(bag: Bag) -> RunSummary:
     try:
         return msgspec.json.decode(attached, type=RunSummary)
     except msgspec.MsgspecError as error:
-        raise PalpError(f"{bag.path}: its {LAUNCH_ATTACHMENT} cannot be read: {error}") from error
+        raise PalpError(f"{bag.path}: its {LAUNCH_ATTACHMENT} cannot be read: {in_words(error)}") from error
 
 
 def _roles(launch: RunSummary, path: Path) -> Roles:

@@ -21,7 +21,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 import palp_core
-from palp_core.errors import MechanicsError, PalpError
+from palp_core.errors import MechanicsError, PalpError, in_words
 from palp_core.graph.launch.run_journal import Incident, last_set
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import MethodUse
@@ -243,7 +243,7 @@ def read_result(out: str | Path) -> SessionResult:
     except OSError as error:
         raise PalpError(f"{path} cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
-        raise PalpError(f"{path} is not a result: {error}; run the session again") from error
+        raise PalpError(f"{path} is not a result: {in_words(error)}; run the session again") from error
 
 
 def build(session: RecordedSession, summary: RunSummary) -> SessionResult:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, in_words
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
     CHECKPOINT,
@@ -139,7 +139,7 @@ def read_note(folder: Path) -> RunSummary:
     except FileNotFoundError as error:
         raise PalpError(f"not a session's folder: {path} is missing") from error
     except (OSError, msgspec.MsgspecError) as error:
-        raise PalpError(f"{path} cannot be read: {error}") from error
+        raise PalpError(f"{path} cannot be read: {in_words(error)}; restore it from a copy") from error
     if summary.exit_code < 0 and is_being_written(folder):
         return msgspec.structs.replace(summary, ended=STILL_RUNNING)
     return summary

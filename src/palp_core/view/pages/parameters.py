@@ -7,7 +7,6 @@ from typing import Any
 
 from nicegui import ui
 
-from palp_core.errors import GraphError
 from palp_core.view.pages.parts import CHANGES, StatusLine, doc_text, labelled, table, text_element
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import value_text
@@ -82,14 +81,8 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
         text_element("div", limits, "quiet")
         outcome = StatusLine()
 
-        def change(text: str) -> dict[str, Any]:
-            try:
-                return operator.set_parameters(node, {name: text})
-            except GraphError as error:
-                raise GraphError(refused(name, text, str(error))) from error
-
         async def put(text: str) -> None:
-            after = await outcome.run(change, text)
+            after = await outcome.run(operator.set_parameters, node, {name: text})
             if after is None:
                 return
             for other, label in in_force.items():
@@ -107,21 +100,6 @@ def _entry(one: dict[str, Any]) -> Any:
         options = list(dict.fromkeys([*map(typed, one["choices"]), now]))
         return ui.select(options, value=now).props("dense outlined").style("min-width: 8rem")
     return ui.input(value=now).props("dense outlined").style("max-width: 11rem")
-
-
-def refused(name: str, text: str, why: str) -> str:
-    """Return why a value was refused; for one out of its bounds, what is expected.
-
-    >>> refused("level", "5", "/a: parameters: Expected `float` <= 1.0 - at `$.level`")
-    'level: 5 is refused: expected float <= 1.0'
-    >>> refused("level", "5", "/a refuses the parameters: too loud")
-    '/a refuses the parameters: too loud'
-    """
-    expected, at, _ = why.rpartition("parameters: ")[2].partition(" - at `$.")
-    if not at:
-        return why
-    expected = expected.replace("`", "").replace("Expected", "expected")
-    return f"{name}: {text[:60]} is refused: {expected}"
 
 
 def typed(value: Any) -> str:

@@ -318,7 +318,7 @@ def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Pat
     [
         ("off_share:=0.3", r"off at 0\.3 and on at 0\.05"),
         ("gap:=0.1", "--set gap: no such setting.*gap_s"),
-        ("gap_s:=short", r"--set: Expected `float`, got `str` - at `\$\.bursts\.gap_s`"),
+        ("gap_s:=short", r"--set: bursts\.gap_s must be a number, not a text"),
         ("gap_s:=.nan", "gap_s is nan; it must be 0 or more, and finite"),
         ("gap_s=0.1", "--set gap_s=0.1: write name:=value"),
     ],

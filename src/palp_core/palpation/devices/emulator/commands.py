@@ -12,7 +12,7 @@ from typing import Any, TextIO
 
 import msgspec
 
-from palp_core.errors import DeviceError, PalpError
+from palp_core.errors import DeviceError, PalpError, in_words
 from palp_core.palpation.devices.emulator.rig import EmulatedRig, RigSettings
 
 
@@ -21,7 +21,9 @@ def read_settings(text: str) -> RigSettings:
     try:
         return msgspec.json.decode(text, type=RigSettings)
     except msgspec.MsgspecError as error:
-        raise DeviceError(f"emulator: settings: {error}; give the fields of RigSettings as JSON") from error
+        raise DeviceError(
+            f"emulator: settings: {in_words(error)}; give the fields of RigSettings as JSON"
+        ) from error
 
 
 def serve(rig: EmulatedRig, lines: Iterable[str], out: TextIO) -> None:

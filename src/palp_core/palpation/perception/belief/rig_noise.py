@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import scipy
 
-from palp_core.errors import PerceptionError
+from palp_core.errors import PerceptionError, in_words
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.units import Float64Array
@@ -68,7 +68,8 @@ def read_noise(path: str | Path) -> RigNoise:
         raise PerceptionError(f"{path}: cannot read the noise file: {why_not(error, path)}") from error
     except msgspec.MsgspecError as error:
         raise PerceptionError(
-            f"{path}: no noise file: {error}; palp launch FILE plan:=repeatability writes OUT/noise.yaml"
+            f"{path}: no noise file: {in_words(error)}; "
+            "palp launch FILE plan:=repeatability writes OUT/noise.yaml"
         ) from error
     for name in ("sample_sd_n_m", "sweep_sd_n_m", "ring_sd_m", "height_sd_m", "hour_sd_n_m"):
         value = getattr(found, name).value

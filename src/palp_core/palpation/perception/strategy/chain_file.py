@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from palp_core.errors import PerceptionError
+from palp_core.errors import PerceptionError, in_words
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy, Reading
 from palp_core.units import Float64Array
@@ -59,7 +59,7 @@ def read_chains(path: str | Path) -> ChainFile:
         raise PerceptionError(f"{path}: cannot read the chain: {why_not(error, path)}") from error
     except msgspec.MsgspecError as error:
         raise PerceptionError(
-            f"{path}: no chain: {error}; `palp emg fit-policy FILE --out DIR` writes one as DIR/chain.json"
+            f"{path}: no chain: {in_words(error)}; `palp emg fit-policy FILE --out DIR` writes DIR/chain.json"
         ) from error
     if not any(chain.depth_m is None for chain in found.chains):
         raise PerceptionError(f"{path}: holds no pooled chain (depth_m null)")

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from palp_core.errors import PalpError
+from palp_core.errors import PalpError, in_words
 from palp_core.graph.description import yaml_tree
 from palp_core.graph.description.yaml_tree import Entry, Scalar, Tree, parse_tree
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems, hint
@@ -118,7 +118,9 @@ def parse_copy(text: str, where: str) -> SessionSheet:
     try:
         return msgspec.convert(yaml.safe_load(text), SessionSheet)
     except (yaml.YAMLError, msgspec.ValidationError) as error:
-        raise PalpError(f"{where}: the session's sheet is damaged: {' '.join(str(error).split())}") from error
+        raise PalpError(
+            f"{where}: the session's sheet is damaged: {' '.join(in_words(error).split())}"
+        ) from error
 
 
 def read_sheet(path: str | Path, codes: Collection[str] = (), *, by_hand: bool = False) -> SessionSheet:
