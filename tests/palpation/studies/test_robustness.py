@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.probe import Probe
@@ -17,7 +16,7 @@ from palp_core.palpation.studies.plan import Gel
 from palp_core.palpation.studies.robustness import cases
 from palp_core.palpation.studies.robustness import study as robustness
 from palp_core.palpation.studies.robustness.cases import DESIGNS, DIFFERENCES, FACTORS, POLICIES, cells
-from palp_core.palpation.studies.robustness.study import lead, lead_chart
+from palp_core.palpation.studies.robustness.study import lead
 from palp_core.palpation.studies.schemes import Case, Scheme, run_session
 from palp_core.palpation.studies.session import WorldPlan
 from palp_core.palpation.studies.trace_table import TraceTable
@@ -79,20 +78,13 @@ def shares_of(shares: Mapping[str, Sequence[float]]) -> dict[str, np.ndarray]:
     return {name: np.array(shares.get(name, [0.5] * count)) for name in POLICIES}
 
 
-def test_a_heat_map_crosses_what_is_behind_and_nothing_else() -> None:
+def test_a_lead_is_over_the_best_of_the_others() -> None:
     shares = shares_of({"uniform": (0.7 + 0.01 * np.random.default_rng(0).random(16)).tolist()})
-    found = [
-        {"cell": "centre", "design": "paper", "policy": policy, **lead(shares, policy)}
-        for policy in ("markov", "uniform", "information_gain")
-    ]
-    assert (found[0]["best"], found[1]["best"]) == ("uniform", POLICIES[0])
-    assert found[0]["lead"] == pytest.approx(-0.205, abs=0.01)
+    found = [lead(shares, policy) for policy in ("markov", "uniform")]
+    assert [one["best"] for one in found] == ["uniform", POLICIES[0]]
+    assert [one["lead"] for one in found] == pytest.approx([-0.205, 0.205], abs=0.01)
+    assert found[0]["lead_ci"][1] < 0.0 < found[1]["lead_ci"][0]
     assert lead(shares_of({"markov": [0.5] * 16}), "markov")["lead"] == 0.0
-    figure = Figure()
-    chart = lead_chart(found, "paper", "Points")
-    chart.draw(figure)
-    assert [words.get_text() for words in figure.axes[0].texts] == ["-21 ×", "+21", "-21 ×"]
-    assert [words.get_text() for words in figure.axes[0].get_yticklabels()] == ["centre"]
 
 
 def test_the_best_of_many_equals_is_not_taken_for_better() -> None:
@@ -119,24 +111,16 @@ def run_few(folder: Path, workers: int) -> bytes:
 
 
 @pytest.mark.slow
-def test_the_study_writes_all_cells_alike_with_workers_and_after_a_stop(tmp_path: Path) -> None:
-    """The line of a cell was cut short: that cell alone is run again, and its line is the last."""
-    one, two, three = (tmp_path / name for name in ("one", "two", "three"))
+def test_the_study_writes_all_cells_alike_with_workers(tmp_path: Path) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
     whole = run_few(one, 1)
     assert run_few(two, 2) == whole
-    lines = (one / "cells.jsonl").read_text(encoding="utf-8").splitlines()
-    cut = [*lines[1:], lines[0][:100]]
-    three.mkdir()
-    (three / "cells.jsonl").write_text("\n".join(cut), encoding="utf-8")
-    assert run_few(three, 1) == whole
-    assert (three / "cells.jsonl").read_text(encoding="utf-8").splitlines() == [*cut, lines[0]]
     report = json.loads(whole)
     for design in DESIGNS:
         for cell in FEW:
             own = [o["policy"] for o in report["records"] if (o["cell"], o["design"]) == (cell, design)]
             assert own == list(POLICIES)
     assert [row["world"] for row in report["differences"]] == ["paper", "lab"]
-    assert {path.stem for path in one.glob("*.png")} == {f"robustness_to_best_{design}" for design in DESIGNS}
     page = (one / "index.html").read_text(encoding="utf-8")
     assert "Trained in one world, judged in another" in page
     assert "training order: not re-homed" in page
