@@ -138,7 +138,7 @@ def took_iterations(shallow: int, more: int, seed: int) -> Outcomes:
     depth = np.random.default_rng(seed).permutation(np.repeat(np.arange(3), 4))
     flat, yes = np.ones((depth.size, 1)), np.ones(depth.size, dtype=bool)
     probes = shallow + more * depth
-    return Outcomes(depth, depth, flat[:, 0], probes, depth, flat[:, 0], yes, flat, yes[:, None])
+    return Outcomes(depth, depth, flat[:, 0], probes, flat[:, 0], yes, flat, yes[:, None])
 
 
 def test_errors_that_stay_cost_accuracy_and_progress(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,9 +19,7 @@ def session(overconfidence: float, rng: np.random.Generator, trials: int = 150) 
     stated = rng.choice(STATED, trials)
     right = rng.random(trials) < np.clip(stated - overconfidence + rng.normal(0.0, 0.06), 0.0, 1.0)
     none, flat = np.zeros(trials, dtype=np.int64), np.ones((trials, 1))
-    return Outcomes(
-        none, np.where(right, 0, 1), stated, none + 1, none, flat[:, 0], right, flat, right[:, None]
-    )
+    return Outcomes(none, np.where(right, 0, 1), stated, none + 1, flat[:, 0], right, flat, right[:, None])
 
 
 @pytest.mark.parametrize("overconfidence", [0.0, 0.02, 0.1])

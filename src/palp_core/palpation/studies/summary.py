@@ -104,17 +104,13 @@ def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[s
     """Return one policy's line.
 
     Returns:
-        ``accuracy`` with ``ci`` as [low, high], ``per_depth`` and ``per_depth_ci`` by depth in mm, mean
-        ``probes``, ``moves`` and ``seconds`` a trial, ``ece`` (expected calibration error over all trials)
+        ``accuracy`` with ``ci`` as [low, high], ``per_depth`` by depth in mm, mean
+        ``probes`` and ``seconds`` a trial, ``ece`` (expected calibration error over all trials)
         with ``ece_ci``, ``overconfidence``, ``undecided`` share, the number of ``sessions`` and each one's
         accuracy.
     """
     rng = np.random.default_rng(_SEED)
     overall = share_interval([one.correct for one in sessions], rng)
-    depth = {
-        depth_key(depth_m): share_interval([one.correct[one.depth == c] for one in sessions], rng)
-        for c, depth_m in enumerate(depths_m)
-    }
     stated = calibration(
         np.clip(np.concatenate([one.confidence for one in sessions]), 0.0, 1.0),
         np.concatenate([one.correct for one in sessions]).tolist(),
@@ -123,10 +119,11 @@ def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[s
     return {
         "accuracy": overall.value,
         "ci": ends(overall),
-        "per_depth": {key: one.value for key, one in depth.items()},
-        "per_depth_ci": {key: ends(one) for key, one in depth.items()},
+        "per_depth": {
+            depth_key(depth_m): float(np.mean([one.correct[one.depth == c].mean() for one in sessions]))
+            for c, depth_m in enumerate(depths_m)
+        },
         "probes": _mean([one.probes for one in sessions]),
-        "moves": _mean([one.moves for one in sessions]),
         "seconds": _mean([one.seconds for one in sessions]),
         "ece": stated.expected_error,
         "ece_ci": list(calibration_interval(pairs, np.random.default_rng(_SEED))),

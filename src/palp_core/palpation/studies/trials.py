@@ -41,7 +41,6 @@ class Outcomes:
     estimate: NDArray[np.int64]  # class decided for, shape (n,)
     confidence: Float64Array  # its posterior, shape (n,)
     probes: NDArray[np.int64]  # sweeps taken, shape (n,)
-    moves: NDArray[np.int64]  # moves of the ring after the first, re-positioning included, shape (n,)
     seconds: Float64Array  # duration on the rig, shape (n,)
     decided: NDArray[np.bool_]  # whether the stop rule was met, shape (n,); else undecided at the last probe
     # posterior mean depth after each probe, as it was at the stop from then on, shape (n, t)
@@ -76,7 +75,7 @@ def run_trials(
     at = policy.start(given(uniforms[:, 0]), count)
     end_posterior = np.tile(prior, (count, 1))
     posteriors = np.zeros((most, count, len(depths_m)))
-    probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    probes = np.zeros(count, dtype=np.int64)
     seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
     error_m, reading = np.zeros(count), np.zeros(count)
     before_ring = np.full(count, -1)
@@ -85,7 +84,6 @@ def run_trials(
         here = before_ring[active]
         moved = (ring != here) | at.renew
         seconds[active] += timing.sweep_s + _travel_s(timing, rings_m, here, ring, at.renew)
-        moves[active] += moved & (here >= 0)
         landing = session.kept_landing_m[active] if fixed else session.landings_m[active, t]
         error_m[active] = np.where(moved, landing, error_m[active])
         felt = trained.reading(active, ring, error_m[active], t)
@@ -114,7 +112,6 @@ def run_trials(
         np.argmax(end_posterior, axis=1),
         end_posterior.max(axis=1),
         probes,
-        moves,
         seconds,
         decided,
         np.transpose(posteriors @ depths_m),
@@ -150,13 +147,11 @@ def chance(trained: TrainedFeature) -> Outcomes:
     uniforms, m, depth = trained.session.uniforms, len(trained.depths_m), trained.depth
     count, most = uniforms.shape
     guess = (uniforms[:, 0] * m).astype(np.int64)
-    none = np.zeros(count, dtype=np.int64)
     return Outcomes(
         depth,
         guess,
         np.full(count, 1.0 / m),
-        none,
-        none,
+        np.zeros(count, dtype=np.int64),
         np.zeros(count),
         np.ones(count, dtype=bool),
         np.full((count, most), float(np.mean(trained.depths_m))),
@@ -205,7 +200,7 @@ def run_trace_trials(
     rings_m, classes_m = np.asarray(session.rings_m), np.asarray(depths_m or session.depths_m)
     count, m = len(session.depth), model.class_count
     end = np.full((count, m), 1.0 / m)
-    probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    probes = np.zeros(count, dtype=np.int64)
     seconds, decided, error_m = np.zeros(count), np.zeros(count, dtype=bool), np.zeros(count)
     groups: list[tuple[Indices, TraceBelief, int]] = [(np.arange(count), start(model, count), -1)]
     for t in range(MAX_SWEEPS):
@@ -221,7 +216,6 @@ def run_trace_trials(
                 moved = before != setting
                 way = np.array([before]), np.array([setting])
                 seconds[some] += _travel_s(protocol.timing, rings_m, *way)
-                moves[some] += int(moved and before >= 0)
                 if moved:
                     stays = rings is not None and rings.ndim == 1
                     error_m[some] = session.kept_landing_m[some] if stays else session.landings_m[some, t]
@@ -241,7 +235,7 @@ def run_trace_trials(
     estimate = nearest(classes_m, np.asarray(session.depths_m))[np.argmax(end, axis=1)]
     right = (estimate == session.depth)[:, None]
     confidence, expected_m = end.max(axis=1), (end @ classes_m)[:, None]
-    return Outcomes(session.depth, estimate, confidence, probes, moves, seconds, decided, expected_m, right)
+    return Outcomes(session.depth, estimate, confidence, probes, seconds, decided, expected_m, right)
 
 
 def _ended(
