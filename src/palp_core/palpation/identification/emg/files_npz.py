@@ -18,7 +18,7 @@ _LEAST = 8  # values; what is shorter is a setting
 
 def read_npz(path: Path) -> EmgFile:
     """Read an archive of arrays: one dimension is a column, the longer of two runs over the samples."""
-    with catch_foreign(f"{path}: not a readable NPZ file", PalpError):
+    with catch_foreign(f"{path}: not a readable NPZ file", PalpError, "write plain arrays with numpy.savez"):
         archive = np.load(path, allow_pickle=False)
         if isinstance(archive, np.ndarray):
             raise PalpError(f"{path}: a single array, not an archive; write it with numpy.savez")
