@@ -16,6 +16,7 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
+from palp_core.graph.node.spec import LAUNCHER
 from tests.support.palp import PATIENCE_S, Palp, short_folder
 from tests.support.supervised import Running, write_files
 
@@ -216,7 +217,7 @@ class Launched(Running):
     @property
     def guests(self) -> list[str]:
         """Who has joined, by name."""
-        return [guest["name"] for guest in self.ask("gateway", op="guests")["guests"]]
+        return [node["name"] for node in self.record["nodes"] if not node["pid"] and node["name"] != LAUNCHER]
 
     def gateway(self) -> psutil.Process:
         (found,) = self.host.running("palp_core.graph.network.gateway")

@@ -104,7 +104,7 @@ class Running:
         return psutil.Process(self.pid(node))
 
     def ask(self, node: str, op: str, **fields: Any) -> dict[str, Any]:
-        """Ask a node, the launcher ("graph") or the gateway."""
+        """Ask a node or the launcher ("graph")."""
         reply = ask(f"ipc://{self.folder}/{node}.srv", {"op": op, "node": node, **fields}, PATIENCE_S)
         assert reply is not None, f"{node} does not answer"
         return reply

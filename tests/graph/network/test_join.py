@@ -179,7 +179,7 @@ def test_a_guest_that_is_killed_leaves_and_the_next_of_its_name_is_another_to_it
     os.kill(again.pid, signal.SIGKILL)
     graph.said("/pulse has left")
     assert away.all_gone()
-    assert not graph.guests
+    graph.until(lambda: not graph.guests)
 
 
 def test_when_the_gateway_dies_the_guest_is_safe_the_graph_goes_on_and_can_be_joined_again(

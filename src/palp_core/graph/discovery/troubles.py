@@ -213,7 +213,6 @@ def examine_graph(graph: RunningGraph) -> Iterator[Trouble]:
     except GraphError as problem:
         yield Trouble(where, ERROR, f"its launcher: {problem}", "is it stopped or stuck?")
     yield from _pauses(graph)
-    yield from _refusals(graph)
 
 
 def _overload(node: NodeHealth) -> Iterator[Trouble]:
@@ -315,20 +314,3 @@ def _pauses(graph: RunningGraph) -> Iterator[Trouble]:
         if node.missed_deadline_count:
             text = f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed"
             yield Trouble(name, WARN, text, "see which of its inputs", "palp topic info TOPIC")
-
-
-def _refusals(graph: RunningGraph) -> Iterator[Trouble]:
-    path = graph.folder / "gateway.srv"
-    if not path.exists():
-        return
-    from palp_core.graph.transport.requester_socket import ask
-
-    reply = ask(f"ipc://{path}", {"op": "refusals"}, ASK_S)
-    if reply is None or "error" in reply:
-        yield Trouble("gateway", ERROR, "does not answer", f"see {graph.folder / 'log'}")
-        return
-    for refusal in reply.get("refusals", []):
-        often = f", {refusal['count']} times" if refusal.get("count", 1) > 1 else ""
-        key = f" with key {refusal['key']}" if refusal.get("key") else ""
-        text = f"refused {refusal.get('address') or 'a stranger'}{key}{often}: {refusal['reason']}"
-        yield Trouble("gateway", WARN, text, "palp keys list shows the allowed keys")

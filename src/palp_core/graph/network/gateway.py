@@ -27,11 +27,10 @@ from palp_core.graph.network.curve import CurveListener, Received, in_flight_byt
 from palp_core.graph.network.joining import objections
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.relay import Peer, Relay, is_power_of_two
-from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.supervision.fork_child import die_with_parent
-from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, RequestServer
+from palp_core.graph.transport.request_server import NodeRequest
 
 MEMORY_BYTES = 1 << 30
 DRAIN_TIMEOUT_NS = 500_000_000  # for a host that does not hang up
@@ -110,10 +109,6 @@ class Gateway(Relay):
             refused=self._refuse,
             disconnected=self._beat,
         )
-        tools = RequestServer(self.event_loop.context, endpoints(listen_on.run_dir, "gateway")[1])
-        answers = {"refusals": self._list_refusals, "guests": self._list_guests}
-        tools.add("gateway", {name: NodeOperation(NodeRequest, answer) for name, answer in answers.items()})
-        self.event_loop.watch(tools.socket, tools.poll)
         self.event_loop.watch(channel.socket.fileno(), self._on_channel)
         self.endpoint = self._listener.endpoint
         self._report("listening", "", self.endpoint)
@@ -330,24 +325,6 @@ class Gateway(Relay):
             report = msgspec.structs.replace(report, counted_ns=monotonic_ns())
         if peer.health_is_due(monotonic_ns()):
             self._send(join_protocol.HealthReport(node=peer.request.name, health=encode(report)))
-
-    # Tools of this host
-
-    def _list_refusals(self, _: NodeRequest) -> dict[str, Any]:
-        return {"refusals": msgspec.to_builtins(list(reversed(self._rejected.kinds.values())))}
-
-    def _list_guests(self, _: NodeRequest) -> dict[str, Any]:
-        guests = [
-            {
-                "name": request.name,
-                "address": peer.address,
-                "key": self._keys.name_of(peer.key),
-                "dropped": peer.dropped_count,
-                "rejected": peer.rejected_count,
-            }
-            for request, peer in self.joined
-        ]
-        return {"guests": guests}
 
 
 def main(connection: socket.socket) -> int:
