@@ -88,13 +88,6 @@ FAULTS: list[tuple[dict[str, Any], dict[str, Any] | None, str, str, str]] = [
     ({}, {"late": 2}, "warn", EDGE, "2 messages late"),
     ({}, {"dropped": 2}, "warn", EDGE, "2 messages dropped"),
     ({}, {"repeated": 2}, "note", EDGE, "2 messages came more"),
-    (
-        {},
-        {"qos": qos(durability="transient_local")},
-        "error",
-        EDGE,
-        "asks for transient_local",
-    ),
     ({"lifecycle": "inactive"}, {}, "warn", "/relay", "is inactive"),
     ({"overruns": 5, "ticks": 10}, {}, "warn", "/relay", "5 of 10 ticks"),
     ({"overruns": 1, "ticks": 10**6}, {}, "note", "/relay", "1 of 1000000 ticks"),

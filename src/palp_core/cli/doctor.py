@@ -31,7 +31,6 @@ from palp_core.graph.discovery.troubles import (
     NOTE,
     OK,
     WARN,
-    ActiveDiagnostic,
     Trouble,
     active_diagnostics,
     examine_graph,
@@ -67,7 +66,7 @@ EDGE_COLUMNS: dict[str, Callable[[EdgeRow], str]] = {
     "P99 ms": lambda edge: _number(edge.latency_p99_s, 3, 1e3),
     "MAX ms": lambda edge: _number(edge.latency_max_s, 3, 1e3),
 }
-Sample = tuple[list[NodeRow], list[EdgeRow], list[ActiveDiagnostic]]
+Sample = tuple[list[NodeRow], list[EdgeRow], list[Trouble]]
 
 
 def doctor(
@@ -85,8 +84,7 @@ def doctor(
         (RunningGraph(record), f"graph {record.id}, " if len(records) > 1 else "") for record in records
     ]
     for one, place in graphs:
-        reported = active_diagnostics(one, ASK_S)
-        troubles += [found.trouble.of_run(one.record.id, place) for found in reported]
+        troubles += [found.of_run(one.record.id, place) for found in active_diagnostics(one, ASK_S)]
     troubles += [*examine_host(), *examine_runs()]
     for one, place in graphs:
         troubles += [found.of_run(one.record.id, place) for found in examine_graph(one)]
@@ -177,7 +175,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
 
 def _tables(sample: Sample) -> tuple[list[list[str]], list[list[str]]]:
     """Return nodes and edges as rows of cells; a node's worst diagnostic takes the place of its state."""
-    levels = {f"/{found.node}": found.level.upper() for found in reversed(sample[2])}
+    levels = {found.where: found.level.upper() for found in reversed(sample[2])}
     nodes = [msgspec.structs.replace(node, state=levels.get(node.name, node.state)) for node in sample[0]]
     return (
         [[column(node) for column in NODE_COLUMNS.values()] for node in nodes],
@@ -191,10 +189,10 @@ def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
 
 def _styled_lines(sample: Sample) -> Iterator[tuple[str, str]]:
     """Yield each line of a sample, with its style."""
-    troubled = {f"/{found.node}" for found in sample[2] if found.level == "error"}
+    troubled = {found.where for found in sample[2] if found.level == "error"}
     for found in sample[2]:
-        text = f"{found} -> {found.advice}" if found.advice else str(found)
-        yield text, "bold red" if found.level == "error" else "yellow"
+        advice = f" -> {found.advice}" if found.advice else ""
+        yield f"{found.where}: {found.text}{advice}", "bold red" if found.level == "error" else "yellow"
     nodes, edges = _tables(sample)
     tables = [(list(NODE_COLUMNS), nodes), *([(list(EDGE_COLUMNS), edges)] if edges else [])]
     for titles, cells in tables:

@@ -15,7 +15,7 @@ from palp_core.graph.discovery.choice import addressed, addressed_advice
 from palp_core.graph.discovery.health import EdgeRow, HealthReader, NodeRow, rows, sample_of
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus, EdgeHealth, GraphEvent, NodeEvent, NodeHealth
-from palp_core.graph.messages.qos import EventKind, Qos, incompatibility
+from palp_core.graph.messages.qos import EventKind
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
 
@@ -57,29 +57,10 @@ class Trouble(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, where=place + self.where, advice=advice, command=msgspec.UNSET)
 
 
-class ActiveDiagnostic(msgspec.Struct, frozen=True):
-    """What a node reports as not ``ok``; ``age_s`` is None if the launcher does not answer."""
-
-    node: str
-    level: str
-    text: str
-    advice: str
-    age_s: float | None
-
-    def __str__(self) -> str:
-        age = "" if self.age_s is None else f" ({self.age_s:.0f} s ago)"
-        return f"/{self.node}: {self.text}{age}"
-
-    @property
-    def trouble(self) -> Trouble:
-        where, _, text = str(self).partition(": ")
-        return Trouble(where, self.level, text, self.advice)
-
-
-def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[ActiveDiagnostic]:
+def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[Trouble]:
     """Return what nodes report as not ``ok``; a node that does not answer in time is left out."""
     type_hash = schema_of(DiagnosticStatus).hash_text
-    bad = []
+    found = []
     for topic in graph.record.topics:
         if topic.type_hash != type_hash:
             continue
@@ -88,21 +69,9 @@ def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[ActiveDiag
         except GraphError:
             continue
         if reports and reports[-1].level != OK:
-            bad.append((topic.node, reports[-1]))
-    now_ns = _clock_ns(graph, timeout_s) if bad else None  # once: a slow launcher costs one timeout
-    found = []
-    for node, status in bad:
-        age_s = None if now_ns is None else max(now_ns - status.stamp_ns, 0) / 1e9
-        advice = addressed_advice(status.advice, graph.record.id)
-        found.append(ActiveDiagnostic(node, status.level, status.text, advice, age_s))
+            status, advice = reports[-1], addressed_advice(reports[-1].advice, graph.record.id)
+            found.append(Trouble(f"/{topic.node}", status.level, status.text, advice))
     return found
-
-
-def _clock_ns(graph: RunningGraph, timeout_s: float) -> int | None:
-    try:
-        return int(graph.ask(LAUNCHER, "clock", timeout_s=timeout_s)["now_ns"])
-    except GraphError:
-        return None
 
 
 def node_troubles(rows: Iterable[NodeRow], silent: Mapping[str, str]) -> Iterator[Trouble]:
@@ -195,7 +164,6 @@ def examine_graph(graph: RunningGraph) -> Iterator[Trouble]:
         *loss_troubles(edge_rows, reliable),
         *(trouble for node in sample.nodes for edge in node.edges for trouble in _edge(node, edge)),
         *_backlogs(answers, accounts),
-        *_incompatible(answers, accounts),
     ]
     yield from found
     healthy = len(accounts) - len({trouble.where for trouble in found})
@@ -222,7 +190,7 @@ def _overload(node: NodeHealth) -> Iterator[Trouble]:
             name,
             WARN if node.overrun_count / ticks > OVERRUNS_PART else NOTE,
             f"{node.overrun_count} of {ticks} ticks began after the next was due",
-            "lower its rate, shorten its handlers, or give it cores and realtime_priority in the launch file",
+            "lower its rate, shorten its handlers, or give it realtime_priority in the launch file",
         )
     if node.rejected_count:
         yield Trouble(
@@ -274,22 +242,6 @@ def _backlogs(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]])
         if has_begun and behind > max(MANY_UNREAD, BEHIND_S * (account.get("rate_hz") or 0.0)):
             advice = "the reader's handlers are too slow for it; history: keep_all makes the publisher wait"
             yield Trouble(f"{topic} -> {reader}", WARN, _waiting(behind), advice)
-
-
-def _incompatible(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]]) -> Iterator[Trouble]:
-    offered: dict[str, Any] = {
-        topic: output.get("qos", {})
-        for info in answers.replies.values()
-        for topic, output in info.get("outputs", {}).items()
-    }
-    for (topic, reader), account in accounts.items():
-        if account.get("qos") and offered.get(topic):
-            reason = incompatibility(
-                msgspec.convert(account["qos"], Qos), msgspec.convert(offered[topic], Qos)
-            )
-            if reason is not None:
-                text = f"quality of service: {reason}"
-                yield Trouble(f"{topic} -> {reader}", ERROR, text, "change one of the two")
 
 
 def _pauses(graph: RunningGraph) -> Iterator[Trouble]:

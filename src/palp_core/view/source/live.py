@@ -140,10 +140,7 @@ class LiveSource:
         events = self._ask_events(graph)
         silent = {} if by_health else after.silent
         troubles = [
-            *(
-                Trouble(f"/{one.node}", one.level, one.text, one.advice)
-                for one in active_diagnostics(graph, ASK_S)
-            ),
+            *active_diagnostics(graph, ASK_S),
             *node_troubles(node_rows, silent),
             *loss_troubles(edge_rows),
             *event_troubles(_recent(events, self._clock)),
