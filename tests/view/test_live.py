@@ -25,11 +25,9 @@ def health(received: int, lost: int = 0, lifecycle: str = "active") -> NodeHealt
     latencies: dict[str, Any] = {f"latency_{name}_s": 1e-3 for name in ("p50", "p90", "p99", "max")}
     counts = {"repeated_count": 0, "late_count": 0, "dropped_count": 0}
     edge = EdgeHealth(topic="/source/sample", received_count=received, lost_count=lost, **counts, **latencies)
-    zero = dict.fromkeys(
-        ("overrun_count", "missed_deadline_count", "rejected_count", "unread_count", "gc_pause_count"), 0
-    )
+    zero = dict.fromkeys(("overrun_count", "missed_deadline_count", "rejected_count", "unread_count"), 0)
     return NodeHealth(
-        node="sink", pid=1, lifecycle=lifecycle, memory_bytes=1, cpu_s=0.0, tick_count=0, gc_pause_max_s=0.0,
+        node="sink", pid=1, lifecycle=lifecycle, memory_bytes=1, cpu_s=0.0, tick_count=0,
         edges=[edge], counted_ns=monotonic_ns(), **zero,
     )  # fmt: skip
 

@@ -155,7 +155,7 @@ def test_a_log_that_becomes_the_old_one_is_followed_and_a_storm_has_a_gap(tmp_pa
 def node_row(**changed: Any) -> NodeRow:
     zero = dict.fromkeys(("cpu_percent", "memory_bytes", "lost", "overruns", "missed_deadlines"), 0)
     given = {"name": "/relay", "pid": 1, "state": "active", "responsive": True, "rate_hz": 100.0, **zero}
-    return NodeRow(**{"latency_p99_s": None, "gc_pause_max_s": 0.0, **given, **changed})
+    return NodeRow(**{"latency_p99_s": None, **given, **changed})
 
 
 def edge_row(**changed: Any) -> EdgeRow:

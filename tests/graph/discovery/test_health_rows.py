@@ -19,8 +19,8 @@ def health(counted_ns: int, received: int, cpu_s: float = 0.0, lifecycle: str = 
     )  # fmt: skip
     return NodeHealth(
         node="sink", pid=7, lifecycle=lifecycle, memory_bytes=1, cpu_s=cpu_s, tick_count=received,
-        overrun_count=0, missed_deadline_count=0, rejected_count=0, unread_count=0, gc_pause_count=0,
-        gc_pause_max_s=0.0, edges=[edge], counted_ns=counted_ns,
+        overrun_count=0, missed_deadline_count=0, rejected_count=0, unread_count=0, edges=[edge],
+        counted_ns=counted_ns,
     )  # fmt: skip
 
 

@@ -197,8 +197,7 @@ def test_no_bytes_do_harm_to_who_reads_a_word(raw: bytes) -> None:
 def health(node: str) -> bytes:
     does = NodeHealth(
         node=node, pid=77, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=1, overrun_count=0,
-        missed_deadline_count=0, rejected_count=0, unread_count=0, gc_pause_count=0, gc_pause_max_s=0.0,
-        edges=[],
+        missed_deadline_count=0, rejected_count=0, unread_count=0, edges=[],
     )  # fmt: skip
     return encode(does)
 

@@ -1,6 +1,5 @@
 """A node's process knows how it does."""
 
-import gc
 import os
 
 import pytest
@@ -45,26 +44,6 @@ def test_it_says_whose_process_it_is_and_what_it_uses() -> None:
     assert said.memory_bytes > 1_000_000
     assert said.cpu_s > 0.0
     assert (said.missed_deadline_count, said.rejected_count, said.unread_count) == (1, 2, 3)
-
-
-def test_the_collectors_pauses_are_counted_and_the_longest_is_kept() -> None:
-    times_s = iter((0.0, 1.0, 1.5, 2.0, 5.0, 6.0, 6.25))  # of the probe's start, and of each pause's two ends
-    probe = HealthProbe("a", lambda: round(next(times_s) * 1e9))
-    gc.disable()  # no pause but those
-    for _ in range(3):
-        gc.collect()
-    said = health(probe)
-    gc.enable()
-    probe.close()
-    assert (said.gc_pause_count, said.gc_pause_max_s) == (3, 3.0)
-
-
-def test_a_closed_probe_counts_no_more() -> None:
-    callbacks = list(gc.callbacks)
-    probe = HealthProbe("a")
-    probe.close()
-    probe.close()
-    assert gc.callbacks == callbacks
 
 
 def test_an_edge_is_reported_with_its_latencies() -> None:

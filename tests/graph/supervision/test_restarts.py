@@ -25,8 +25,7 @@ S = 1_000_000_000
 def health(name: str = "a") -> NodeHealth:
     return NodeHealth(
         node=name, pid=1, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=0, overrun_count=0,
-        missed_deadline_count=0, rejected_count=0, unread_count=0, gc_pause_count=0, gc_pause_max_s=0.0,
-        edges=[],
+        missed_deadline_count=0, rejected_count=0, unread_count=0, edges=[],
     )  # fmt: skip
 
 

@@ -43,7 +43,6 @@ class NodeRow(msgspec.Struct, frozen=True):
     lost: int
     overruns: int
     missed_deadlines: int
-    gc_pause_max_s: float
     lost_by_readers: int = 0
 
 
@@ -159,8 +158,6 @@ def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
         missed_deadline_count=0,
         rejected_count=info.get("rejected", 0),
         unread_count=info.get("unread", 0),
-        gc_pause_count=0,
-        gc_pause_max_s=0.0,
         edges=edges,
         lost_by_readers_count=info.get("lost_by_readers", 0),
         counted_ns=info.get("counted_ns", 0),
@@ -214,7 +211,6 @@ def _node_row(
         lost_by_readers=node.lost_by_readers_count,
         overruns=node.overrun_count,
         missed_deadlines=node.missed_deadline_count,
-        gc_pause_max_s=node.gc_pause_max_s,
     )
 
 

@@ -12,7 +12,7 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import addressed, addressed_advice
-from palp_core.graph.discovery.health import EdgeRow, HealthReader, NodeRow, rows, sample_of
+from palp_core.graph.discovery.health import EdgeRow, NodeRow, rows, sample_of
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus, EdgeHealth, GraphEvent, NodeEvent, NodeHealth
 from palp_core.graph.messages.qos import EventKind
@@ -26,8 +26,6 @@ SWAPPING = "being swapped"
 """In place of a lifecycle's state: one of the two processes with the node's name is inactive by intent."""
 _QOS_EVENTS: tuple[str, ...] = get_args(EventKind)
 ASK_S = 2.0
-HEALTH_S = 1.6
-LONGEST_PAUSE_S = 0.005
 MANY_UNREAD = 100
 BEHIND_S = 1.0
 """Of its own rate, by which a reader has to be behind: nodes are not asked at the same instant."""
@@ -180,7 +178,6 @@ def examine_graph(graph: RunningGraph) -> Iterator[Trouble]:
         yield from event_troubles(graph.decoded_history(LAUNCHER, EVENTS, GraphEvent, ASK_S))
     except GraphError as problem:
         yield Trouble(where, ERROR, f"its launcher: {problem}", "is it stopped or stuck?")
-    yield from _pauses(graph)
 
 
 def _overload(node: NodeHealth) -> Iterator[Trouble]:
@@ -242,27 +239,3 @@ def _backlogs(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]])
         if has_begun and behind > max(MANY_UNREAD, BEHIND_S * (account.get("rate_hz") or 0.0)):
             advice = "the reader's handlers are too slow for it; history: keep_all makes the publisher wait"
             yield Trouble(f"{topic} -> {reader}", WARN, _waiting(behind), advice)
-
-
-def _pauses(graph: RunningGraph) -> Iterator[Trouble]:
-    if graph.record.clock != "wall":
-        return
-    reader = HealthReader(graph)
-    try:
-        health = reader.read(HEALTH_S)
-    finally:
-        reader.close()
-    for node in health.nodes if health is not None else ():
-        name = f"/{node.node}"
-        text = (
-            f"{counted(node.gc_pause_count, 'pause')} of the garbage collector, the longest "
-            f"{node.gc_pause_max_s * 1e3:.1f} ms"
-        )
-        if node.gc_pause_max_s > LONGEST_PAUSE_S:
-            advice = "make fewer objects that refer to each other in its handlers"
-            yield Trouble(name, WARN, text, advice)
-        else:
-            yield Trouble(name, OK, text)
-        if node.missed_deadline_count:
-            text = f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed"
-            yield Trouble(name, WARN, text, "see which of its inputs", "palp topic info TOPIC")

@@ -172,8 +172,6 @@ class NodeHealth(Message):
     missed_deadline_count: Count
     rejected_count: Count
     unread_count: Count
-    gc_pause_count: Count
-    gc_pause_max_s: Seconds
     edges: list[EdgeHealth]
     lost_by_readers_count: Count = 0
     counted_ns: Nanoseconds = 0

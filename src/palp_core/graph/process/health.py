@@ -1,9 +1,7 @@
 """How a node's process does: measured where the node's loop turns, at next to no cost."""
 
-import gc
 import os
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.latency import Latency
@@ -20,19 +18,8 @@ class HealthProbe:
 
     def __init__(self, node: str, now_ns: Callable[[], int] = monotonic_ns) -> None:
         self.due_ns = now_ns()  # of the next pulse, on the machine's monotonic clock
-        self._node, self._now_ns = node, now_ns
-        self._pause_count = 0
-        self._pause_max_ns = 0
-        self._pause_begin_ns = 0
-        self._statm = os.open("/proc/self/statm", os.O_RDONLY | os.O_CLOEXEC) if _has_statm() else -1
-        gc.callbacks.append(self._collected)
-
-    def _collected(self, phase: str, _info: dict[str, int]) -> None:
-        if phase == "start":
-            self._pause_begin_ns = self._now_ns()
-            return
-        self._pause_count += 1
-        self._pause_max_ns = max(self._pause_max_ns, self._now_ns() - self._pause_begin_ns)
+        self._node = node
+        self._statm = os.open("/proc/self/statm", os.O_RDONLY | os.O_CLOEXEC)
 
     def pulse(
         self,
@@ -62,8 +49,6 @@ class HealthProbe:
                 missed_deadline_count=missed_deadlines,
                 rejected_count=rejected,
                 unread_count=unread,
-                gc_pause_count=self._pause_count,
-                gc_pause_max_s=self._pause_max_ns / 1e9,
                 lost_by_readers_count=lost_by_readers,
                 counted_ns=now_ns,
                 edges=[_edge(topic, counter, latency) for topic, (counter, latency) in edges.items()],
@@ -71,18 +56,12 @@ class HealthProbe:
         )
 
     def _memory_bytes(self) -> int:
-        return int(os.pread(self._statm, 128, 0).split()[1]) * _PAGE_BYTES if self._statm >= 0 else 0
+        return int(os.pread(self._statm, 128, 0).split()[1]) * _PAGE_BYTES
 
     def close(self) -> None:
-        if self._collected in gc.callbacks:
-            gc.callbacks.remove(self._collected)
         if self._statm >= 0:
             os.close(self._statm)
             self._statm = -1
-
-
-def _has_statm() -> bool:
-    return Path("/proc/self/statm").exists()
 
 
 def _edge(topic: str, counter: SequenceAccount, latency: Latency | None) -> EdgeHealth:
