@@ -93,7 +93,7 @@ def test_a_graph_is_ended_from_elsewhere_as_ctrl_c_at_its_launch_ends_it(palp: P
     assert palp.all_gone()  # at once: it has waited for the end
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 128 + signal.SIGINT
-    assert "interrupted by SIGINT; all nodes exited" in errors
+    assert "ended by palp graph end; all nodes exited" in errors
     assert palp.run("graph", "end").stderr.startswith("no graph is running")
 
 

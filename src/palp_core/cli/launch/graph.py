@@ -111,7 +111,7 @@ def end(
     if name is not None and graph not in (None, name):
         raise typer.BadParameter(f"'{name}' and --graph {graph} name two graphs; name the one that is to end")
     running = find_graph(name or graph, changes=True)
-    with running.ask_to_end() as wait_for_end:
+    with running.ask_to_end("palp graph end") as wait_for_end:
         who = running.record.graph
         ended = wait_for_end(min(timeout, SILENT_S))
         if not ended and timeout > SILENT_S:

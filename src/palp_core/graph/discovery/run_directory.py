@@ -25,6 +25,9 @@ KEEP_ENDED = 20
 KEEP_ENDED_BYTES = 256 << 20
 """Of all ended runs together, but for the latest one, which is kept whatever it takes."""
 RECORD = "graph.json"
+
+
+END_ASKED = "end_asked_by"
 CLAIM = "name"
 """Holds the name that a starting graph was given, until its record has it."""
 
@@ -104,6 +107,10 @@ class RunDirectory:
 
     def log(self, node: str) -> Path:
         return self.path / "log" / f"{node}.log"
+
+    def end_asked_by(self) -> str:
+        """Return what has asked the graph to end, as it has written here; "" if nothing has."""
+        return _text_of(self.path / END_ASKED)
 
     def record(
         self, graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[Topic]

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
-from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, read_record
+from palp_core.graph.discovery.run_directory import END_ASKED, RECORD, NodeEntry, RunRecord, read_record
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, topic
 from palp_core.graph.problems import hint
-from palp_core.whole_file import is_locked
+from palp_core.whole_file import is_locked, write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.messages.frame import Frame
@@ -371,7 +371,7 @@ class RunningGraph:
         return typed_parameters(node, declared, texts)
 
     @contextlib.contextmanager
-    def ask_to_end(self) -> Iterator[Callable[[float], bool]]:
+    def ask_to_end(self, asked_by: str) -> Iterator[Callable[[float], bool]]:
         """Ask the graph to end, as Ctrl-C at its launch does; yield a function that waits for it."""
         record = self.record
         ended = f"graph '{record.graph}' has ended already"
@@ -382,6 +382,8 @@ class RunningGraph:
         try:
             if not self.alive:  # asked once the process is held: its number cannot be another's from here on
                 raise GraphError(ended)
+            with contextlib.suppress(OSError):  # a full disk: then it only knows of the signal
+                write_whole(self.folder / END_ASKED, asked_by)
             try:
                 signal.pidfd_send_signal(process, signal.SIGINT)
             except OSError as error:

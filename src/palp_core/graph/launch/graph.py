@@ -128,6 +128,7 @@ class Graph:
             stack.enter_context(self._interrupt)
             self.directory = RunDirectory(self._name or launch_path(self.path).stem, self._name)
             stack.callback(self.directory.release)
+            self._interrupt.asked_by = self.directory.end_asked_by
             server = ForkServer(self._interrupt, self._started)
             stack.callback(server.close)
             try:

@@ -19,12 +19,12 @@ INSIST_NS = 500_000_000
 class Interrupted(KeyboardInterrupt):
     """The user asked for the end: no failure of what runs."""
 
-    def __init__(self, number: signal.Signals) -> None:
-        super().__init__(f"interrupted by {number.name}")
-        self.signal = number
+    def __init__(self, number: signal.Signals, asked_by: str = "") -> None:
+        super().__init__(f"ended by {asked_by}" if asked_by else f"interrupted by {number.name}")
+        self.signal, self._asked_by = number, asked_by
 
-    def __reduce__(self) -> tuple[type[Self], tuple[signal.Signals]]:
-        return type(self), (self.signal,)  # a pool's worker hands it on as it is
+    def __reduce__(self) -> tuple[type[Self], tuple[signal.Signals, str]]:
+        return type(self), (self.signal, self._asked_by)  # a pool's worker hands it on as it is
 
 
 class Interrupt:
@@ -32,11 +32,15 @@ class Interrupt:
 
     Args:
         breaks_in: A second request raises in the middle of the work.
+
+    Attributes:
+        asked_by: Returns what has asked for the end, or "" if nothing but a signal did.
     """
 
     def __init__(self, *, breaks_in: bool = True) -> None:
         self._breaks_in = breaks_in
         self.second_request = False
+        self.asked_by: Callable[[], str] = str
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
             os.set_blocking(end, False)
@@ -82,7 +86,7 @@ class Interrupt:
         """Raise :class:`Interrupted` if a signal has come."""
         if self._received is not None:
             self._raised = True
-            raise Interrupted(self._received)
+            raise Interrupted(self._received, self.asked_by())
 
     def drain(self) -> None:
         """Make the descriptor quiet again."""

@@ -85,5 +85,5 @@ class GraphOperator:
 
     def end(self) -> None:
         """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it."""
-        with self.allow().ask_to_end():
+        with self.allow().ask_to_end("its page in the browser"):
             pass
