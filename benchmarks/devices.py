@@ -131,7 +131,7 @@ def name_fault(rig: EmulatorProcess, fault: Fault) -> dict[str, object]:
     value = (
         f" {fault.value or 0.1} {fault.count}" if fault.count else f" {fault.value}" if fault.value else ""
     )
-    rig.tell(f"fault {device} {fault.name}{value}")
+    rig.send(f"fault {device} {fault.name}{value}")
     while driver.health(time.monotonic_ns()).ok and time.monotonic() - begin < 5.0:
         pause.wait(0.0005)
     took_s, health = time.monotonic() - begin, driver.health(time.monotonic_ns())

@@ -64,7 +64,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     if report.failed:
         for one in getattr(item, "funcargs", {}).values():
             if isinstance(one, Palp):
-                report.sections.append(("what its graphs said", one.said()))
+                report.sections.append(("what its graphs printed", one.output()))
     return report
 
 

@@ -1,1 +1,1 @@
-"""A rig under test: launch/rig.yaml on emulated devices of this process, which sees all they are told."""
+"""A rig under test: launch/rig.yaml on emulated devices of this process, which sees all that they receive."""

@@ -57,7 +57,7 @@ class EmulatorProcess:
         self._lock = threading.Lock()
         self.options: dict[str, dict[str, Any]] = json.loads(self._line())
 
-    def tell(self, command: str) -> str:
+    def send(self, command: str) -> str:
         """Send a command and return its answer.
 
         Raises:
@@ -73,7 +73,7 @@ class EmulatorProcess:
 
     def ask(self, command: str) -> Any:
         """Send a command and return its answer from JSON."""
-        return json.loads(self.tell(command))
+        return json.loads(self.send(command))
 
     def close(self) -> None:
         """End the process."""

@@ -1,4 +1,4 @@
-"""Run ``launch/rig.yaml`` on emulated devices: what they were told, and when it arrived at them."""
+"""Run ``launch/rig.yaml`` on emulated devices: what they received, and when."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ DEVICES = ("aerotech", "maestro", "ati", "noraxon")
 
 
 class StageInTruth:
-    """The emulated stage itself: what its controller was told, and how it is.
+    """The emulated stage itself: what its controller received, and how it is.
 
     Args:
         emulator: Whose stage it is.
@@ -59,7 +59,7 @@ class StageInTruth:
         self._emulator = emulator
 
     def log(self, since_ns: int = 0) -> list[tuple[int, int, str]]:
-        """Return what the controller was told since a time: when, by which client, what."""
+        """Return what the controller received since a time: when, by which client, what."""
         return [(when, client, line) for when, client, line in self._emulator.ask(f"log {since_ns}")]
 
     def aborts(self, since_ns: int = 0) -> list[int]:
@@ -178,15 +178,15 @@ class RunningRig:
             "XDG_RUNTIME_DIR": str(self.run_folder),
             "PYTHONPATH": str(ROOT / "src"),
         }
-        self._said = (self.folder / "launch.log").open("w", encoding="utf-8")
+        self._log = (self.folder / "launch.log").open("w", encoding="utf-8")
         self.process = subprocess.Popen(
             [
                 sys.executable, "-m", "palp_core", "launch", str(launch_file), *given,
                 f"out:={self.folder / 'out'}", f"session:={sheet}", *self._arguments,
             ],
             env=environment,
-            stdout=self._said,
-            stderr=self._said,
+            stdout=self._log,
+            stderr=self._log,
             cwd=self.folder,
         )  # fmt: skip
 
@@ -200,7 +200,7 @@ class RunningRig:
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
-            self._said.close()
+            self._log.close()
         self.emulator.close()
         shutil.rmtree(self.run_folder, ignore_errors=True)
 
@@ -220,12 +220,12 @@ class RunningRig:
         pause, end_s = threading.Event(), time.monotonic() + self._patience_s
         while not holds():
             if time.monotonic() > end_s or (self.process.poll() is not None and not ended_ok):
-                raise TimeoutError(f"no {what}; the graph said:\n{self.said}")
+                raise TimeoutError(f"no {what}; the graph printed:\n{self.output}")
             pause.wait(self._poll_s)
 
     @property
-    def said(self) -> str:
-        """What the launcher and the nodes have said."""
+    def output(self) -> str:
+        """What the launcher and the nodes have printed."""
         logs = sorted(self.run_folder.glob("palp/*/log/merged.log"))
         return "".join(
             path.read_text(encoding="utf-8") for path in [self.folder / "launch.log", *logs] if path.exists()
@@ -287,7 +287,7 @@ class RunningRig:
         except GraphError:
             return {"done": False}
         if reply["done"]:
-            self.emulator.tell(f"mount {reply['code']}")
+            self.emulator.send(f"mount {reply['code']}")
         return reply
 
     def sweep(self) -> None:

@@ -51,7 +51,7 @@ def trips(at_rest: int, sweeping: int) -> dict[str, Any]:
         while len(latencies_ms) < at_rest + sweeping:
             moving = len(latencies_ms) >= at_rest
             rig.until(lambda m=moving: permitted(rig) and (not m or rig.sweeping()), "permission")  # type: ignore[misc]
-            rig.emulator.tell(f"load {OVER_N_MM}")
+            rig.emulator.send(f"load {OVER_N_MM}")
             latency_ms = wait_for_abort(rig)
             if latency_ms is not None:
                 latencies_ms.append(latency_ms)
@@ -61,7 +61,7 @@ def trips(at_rest: int, sweeping: int) -> dict[str, Any]:
                     beyond_mm.append(abs(axes["y"]["position_m"] - axes["felt_y_m"]) * 1e3)
             else:  # it had tripped for another reason just before
                 others += 1
-            rig.emulator.tell("load 0")
+            rig.emulator.send("load 0")
             rig.until(lambda: acknowledged(rig), "acknowledgement")
     counts, _ = np.histogram(latencies_ms, EDGES_MS)
     return {

@@ -107,15 +107,15 @@ def test_a_command_is_refused_with_the_reason(talk: Talk, line: str) -> None:
 
 
 def echoed(talk: Talk, *words: object) -> list[Any]:
-    return [json.loads(line) for line in talk.said("topic", "echo", TOPIC, "--json", *words).splitlines()]
+    return [json.loads(line) for line in talk.printed("topic", "echo", TOPIC, "--json", *words).splitlines()]
 
 
 def test_info_has_both_ends_and_their_accounts(talk: Talk) -> None:
-    found: Any = talk.told("topic", "info", TOPIC)
+    found: Any = talk.answered("topic", "info", TOPIC)
     assert (found["publisher"]["node"], found["publisher"]["qos"]["depth"] > 0) == ("/source", True)
     (reader,) = found["readers"]
     assert (reader["node"], reader["received"] > 0, reader["lost"]) == ("/scale", True, 0)
-    node: Any = talk.told("node", "info", "/scale")
+    node: Any = talk.answered("node", "info", "/scale")
     assert (node["lifecycle"], node["external"]) == ("active", ["load"])
     assert list(node["inputs"]) == [TOPIC, "/scale/load"]
 
@@ -129,7 +129,7 @@ def test_echo_prints_messages_in_order_with_sequence_and_stamp_one_field_or_an_e
     assert entries[0]["info"]["stamp_ns"] == entries[0]["message"]["stamp_ns"]
     assert list(entries[0]["message"]) == ["stamp_ns", "index", "name", "torque_n_m"]
     assert echoed(talk, "--once", "--field", "name") == ["block"]
-    values = talk.said("topic", "echo", TOPIC, "-n", "3", "--csv", "--field", "torque_n_m[0]").split()
+    values = talk.printed("topic", "echo", TOPIC, "-n", "3", "--csv", "--field", "torque_n_m[0]").split()
     assert [(float(b) - float(a)) % 100 for a, b in itertools.pairwise(values)] == [1.0, 1.0]
 
 
@@ -137,15 +137,15 @@ def test_a_late_joiner_gets_the_history_first_without_a_hole(talk: Talk) -> None
     latched = ("--qos-durability", "transient_local")
     sequences = [entry["info"]["sequence"] for entry in echoed(talk, "-n", "25", "-i", *latched)]
     assert sequences == list(range(sequences[0], sequences[0] + 25))
-    done = talk.said("topic", "echo", "/graph/events", "--once", "--json", *latched)
+    done = talk.printed("topic", "echo", "/graph/events", "--once", "--json", *latched)
     assert json.loads(done)["kind"] == "started"
 
 
 def test_hz_and_bw_measure_what_the_publisher_sends_and_the_reader_counts(talk: Talk) -> None:
-    found: Any = talk.told("topic", "hz", TOPIC, "-w", "50")
+    found: Any = talk.answered("topic", "hz", TOPIC, "-w", "50")
     assert found["hz"] > 0.0  # how much is exact in simulated time
     assert (found["messages"] >= 51, found["lost"], found["readers"][0]["node"]) == (True, 0, "/scale")
-    size: Any = talk.told("topic", "bw", TOPIC, "-w", "100")
+    size: Any = talk.answered("topic", "bw", TOPIC, "-w", "100")
     assert size["bytes_per_s"] > 0.0
     assert 32 < size["min_bytes"] <= size["mean_bytes"] <= size["max_bytes"]
 
@@ -164,14 +164,14 @@ def test_delay_is_what_the_readers_have_counted(talk: Talk) -> None:
     waiting = echoed(talk, "-n", "20")
     scale.resume()
     while True:
-        (reader,) = cast(Any, talk.told("topic", "delay", TOPIC))["readers"]
+        (reader,) = cast(Any, talk.answered("topic", "delay", TOPIC))["readers"]
         if reader["received"] > waiting[-1]["index"]:
             break
         echoed(talk, "--once")
     assert reader["latency_s"]["max"] >= (waiting[-1]["stamp_ns"] - waiting[0]["stamp_ns"]) / 1e9
-    (reader,) = cast(Any, talk.told("topic", "delay", TOPIC, "-w", "20"))["readers"]
+    (reader,) = cast(Any, talk.answered("topic", "delay", TOPIC, "-w", "20"))["readers"]
     assert reader["messages"] == 20 <= reader["received"]
-    assert "of the last 20 messages" in talk.said("topic", "delay", TOPIC, "-w", "20", "--once")
+    assert "of the last 20 messages" in talk.printed("topic", "delay", TOPIC, "-w", "20", "--once")
 
 
 def test_ctrl_c_ends_an_echo_without_a_word(talk: Talk) -> None:
@@ -212,17 +212,17 @@ def test_when_the_graph_ends_an_echo_ends(palp: Palp, tmp_path: Path) -> None:
 
 
 def node_process(graph: Talk, name: str) -> psutil.Process:
-    listed: Any = graph.told("node", "list")
+    listed: Any = graph.answered("node", "list")
     return psutil.Process(next(node["pid"] for node in listed if node["name"] == name))
 
 
 def test_a_retried_call_is_made_once(talk: Talk) -> None:
-    before: Any = talk.told("service", "call", "/scale/weigh")
-    slow: Any = talk.told(
+    before: Any = talk.answered("service", "call", "/scale/weigh")
+    slow: Any = talk.answered(
         "service", "call", "/scale/weigh", "{factor: 101}", "--timeout", "1", "--retries", "9"
     )
     assert slow["asked_count"] == before["asked_count"] + 1
-    after: Any = talk.told("service", "call", "/scale/weigh")
+    after: Any = talk.answered("service", "call", "/scale/weigh")
     assert after["asked_count"] == before["asked_count"] + 2
 
 
@@ -239,57 +239,60 @@ def test_a_call_to_a_stopped_node_ends_in_time_with_the_reason(palp: Palp, tmp_p
     lists = graph.run("service", "list", "--timeout", "0.5")
     assert (lists.returncode, "/scale did not answer" in lists.stderr) == (0, True)
     process.resume()
-    assert graph.said("service", "call", "/scale/weigh", "--json")
+    assert graph.printed("service", "call", "/scale/weigh", "--json")
 
 
 def test_parameters_are_listed_described_and_set_all_or_none(talk: Talk) -> None:
-    assert talk.told("param", "list", "--filter", "^r") == {"/source": ["rate_hz", "rare_hz"], "/scale": []}
-    described: Any = talk.told("param", "describe", "/source", "rare_hz", "device")
+    assert talk.answered("param", "list", "--filter", "^r") == {
+        "/source": ["rate_hz", "rare_hz"],
+        "/scale": [],
+    }
+    described: Any = talk.answered("param", "describe", "/source", "rare_hz", "device")
     assert (described["rare_hz"]["unit"], described["device"]["read_only"]) == ("Hz", True)
     for value, line in (("on", "name: block -> on\n"), ("on", "name: is on already\n")):
-        assert talk.said("param", "set", "/source", "name", value) == line
+        assert talk.printed("param", "set", "/source", "name", value) == line
     changed = {"changed": {"name": {"from": "on", "to": "5"}}}  # a text stays one
-    assert talk.told("param", "set", "source", "name", "5") == changed
-    before = talk.told("param", "dump", "/source")
+    assert talk.answered("param", "set", "source", "name", "5") == changed
+    before = talk.answered("param", "dump", "/source")
     assert "rate_hz" in talk.refused("param", "set", "/source", "name", "x", "rate_hz", "0")
-    assert talk.told("param", "dump", "/source") == before
-    both = talk.said("param", "set", "/source", "rare_hz", "2e-3", "name", "block").splitlines()
+    assert talk.answered("param", "dump", "/source") == before
+    both = talk.printed("param", "set", "/source", "rare_hz", "2e-3", "name", "block").splitlines()
     assert both == ["rare_hz: 0.001 -> 0.002", "name: 5 -> block"]
-    assert talk.said("param", "set", "/source", "rare_hz", "1e-3")
+    assert talk.printed("param", "set", "/source", "rare_hz", "1e-3")
 
 
 def test_what_is_dumped_can_be_loaded(talk: Talk, tmp_path: Path) -> None:
     file = tmp_path / "source.yaml"
-    dumped = talk.said("param", "dump", "/source")
+    dumped = talk.printed("param", "dump", "/source")
     file.write_text(dumped)
     assert dumped.startswith("/source:\n  ros__parameters:\n    rate_hz: 100.0\n")
-    assert talk.said("param", "load", "/source", file) == "nothing to change\n"
+    assert talk.printed("param", "load", "/source", file) == "nothing to change\n"
     file.write_text(dumped.replace("name: block", "name: brick"))
-    assert talk.said("param", "load", "/source", file) == "name: block -> brick\n"
+    assert talk.printed("param", "load", "/source", file) == "name: block -> brick\n"
     assert "'/source' is not /scale" in talk.refused("param", "load", "/scale", file)
     file.write_text(dumped.replace("rare_hz", "rar_hz"))
     assert f"{file}:4:5: /source has no parameter 'rar_hz'" in talk.refused("param", "load", "/source", file)
-    assert talk.said("param", "set", "/source", "name", "block")
+    assert talk.printed("param", "set", "/source", "name", "block")
 
 
 def test_a_node_is_led_through_its_lifecycle(palp: Palp, tmp_path: Path) -> None:
     graph = Talk(palp, tmp_path)
-    assert graph.told("lifecycle", "nodes") == ["/source", "/scale"]
-    assert graph.told("lifecycle", "get") == {"/source": "active", "/scale": "active"}
-    assert graph.said("lifecycle", "set", "/source", "deactivate") == "/source: active -> inactive\n"
-    assert graph.said("lifecycle", "get", "/source") == "inactive\n"
+    assert graph.answered("lifecycle", "nodes") == ["/source", "/scale"]
+    assert graph.answered("lifecycle", "get") == {"/source": "active", "/scale": "active"}
+    assert graph.printed("lifecycle", "set", "/source", "deactivate") == "/source: active -> inactive\n"
+    assert graph.printed("lifecycle", "get", "/source") == "inactive\n"
     again = graph.refused("lifecycle", "set", "/source", "deactivate")
     assert "cannot deactivate a node that is inactive" in again
     assert graph.refused("lifecycle", "set", "/source", "dance")
     assert "/source: it is inactive: it handles nothing" in graph.run("doctor").stdout
-    assert graph.said("lifecycle", "set", "/source", "activate") == "/source: inactive -> active\n"
-    assert graph.said("topic", "echo", TOPIC, "--once")
+    assert graph.printed("lifecycle", "set", "/source", "activate") == "/source: inactive -> active\n"
+    assert graph.printed("topic", "echo", TOPIC, "--once")
 
 
 def test_types_are_those_of_the_graph_also_as_json_schema(talk: Talk) -> None:
-    names = {entry["name"] for entry in json.loads(talk.said("interface", "list", "--json"))}
+    names = {entry["name"] for entry in json.loads(talk.printed("interface", "list", "--json"))}
     assert {"Sample", "Load", "Seen", "WeighRequest", "WeighReply", "GraphHealth"} <= names
-    schema = json.loads(talk.said("interface", "show", "WeighReply", "--json-schema"))
+    schema = json.loads(talk.printed("interface", "show", "WeighReply", "--json-schema"))
     assert list(schema["properties"]) == ["load_n", "asked_count"]
 
 
@@ -314,4 +317,4 @@ def test_messages_from_outside_reach_their_node_as_words_and_from_standard_input
     assert "'--- # one' between messages: a line of --- alone separates them" in named.stderr
     reply: Any = None
     while reply is None or reply["load_n"] != 3.0:  # the last message is in the node's inbox, a call is not
-        reply = talk.told("service", "call", "/scale/weigh")
+        reply = talk.answered("service", "call", "/scale/weigh")

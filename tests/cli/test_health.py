@@ -46,7 +46,7 @@ def test_the_run_directory_of_a_killed_launcher_is_no_error(palp: Palp, tmp_path
 
 
 def test_top_shows_nodes_and_edges_once(talk: Talk) -> None:
-    shown: Any = talk.told("top")
+    shown: Any = talk.answered("top")
     assert [node["name"] for node in shown["nodes"]] == ["/source", "/scale"]
     assert all(node["responsive"] and node["memory_bytes"] > 0 for node in shown["nodes"])
     (edge,) = [edge for edge in shown["edges"] if edge["topic"] == "/source/sample"]
@@ -94,20 +94,20 @@ def test_a_graph_in_simulated_time_is_asked_the_same_way(
     palp: Palp, tmp_path: Path, compose: tuple[str, ...]
 ) -> None:
     graph = Talk(palp, tmp_path, "clock:=sim", "wait_s:=0.005", *compose)
-    rate: Any = graph.told("topic", "hz", "/source/sample", "-w", "20")
+    rate: Any = graph.answered("topic", "hz", "/source/sample", "-w", "20")
     assert rate["clock"] == "sim"
     assert rate["hz"] == pytest.approx(100.0)
     assert rate["wall_hz"] is None or rate["wall_hz"] > 0  # twenty may come in one read: no time has passed
-    width: Any = graph.told("topic", "bw", "/source/sample", "-w", "20")
+    width: Any = graph.answered("topic", "bw", "/source/sample", "-w", "20")
     assert width["bytes_per_clock_s"] == pytest.approx(100.0 * width["mean_bytes"])
-    assert graph.told("lifecycle", "get") == {"/source": "active", "/scale": "active"}
-    assert graph.said("param", "set", "/scale", "wait_s", "0.004") == "wait_s: 0.005 -> 0.004\n"
-    messages = graph.said(
+    assert graph.answered("lifecycle", "get") == {"/source": "active", "/scale": "active"}
+    assert graph.printed("param", "set", "/scale", "wait_s", "0.004") == "wait_s: 0.005 -> 0.004\n"
+    messages = graph.printed(
         "topic", "echo", "/source/sample", "-n", "5", "--json", "--qos-reliability", "reliable"
     )
     indices = [json.loads(line)["index"] for line in messages.splitlines()]
     assert indices == list(range(indices[0], indices[0] + 5))
-    shown: Any = graph.told("top", "-d", "0.2")
+    shown: Any = graph.answered("top", "-d", "0.2")
     assert [node["state"] for node in shown["nodes"]] == ["active"] * 2
     assert graph.run("doctor").returncode == 0
     assert psutil.pid_exists(shown["nodes"][0]["pid"])

@@ -160,13 +160,13 @@ nodes:
         self.move_count += 1
         self.seen(move=self.move_count)  # some faults show only in motion
         value = f" {fault.value or 0.1} {fault.count}" if fault.count else f" {fault.value}"
-        self.rig.tell(f"fault {fault.device} {fault.name}{value if fault.count or fault.value else ''}")
+        self.rig.send(f"fault {fault.device} {fault.name}{value if fault.count or fault.value else ''}")
         until(
             lambda: set(self.still_seen(fault)[mark:]) & set(fault.states),
             f"{fault.name}: {fault.states}",
             self.seen,
         )
-        self.rig.tell(f"clear {fault.device}")
+        self.rig.send(f"clear {fault.device}")
 
         self.acknowledged_count += 1  # what moves waits for a person after any trip
         until(self.is_well, f"end of {fault.name}", self.seen)

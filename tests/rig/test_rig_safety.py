@@ -170,11 +170,11 @@ def test_a_trip_while_the_stage_homes_ends_the_homing_and_it_homes_again_afterwa
 def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts(start: Start) -> None:
     rig = start(*LENIENT)
     rig.sweep()
-    rig.emulator.tell("fault ati saturated")
+    rig.emulator.send("fault ati saturated")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
     assert rig.safety()["cause"] == "saturated"
     assert not rig.call("safety", "acknowledge")["done"]
-    rig.emulator.tell("clear ati")
+    rig.emulator.send("clear ati")
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()
 
@@ -183,12 +183,12 @@ def test_a_torque_over_the_limit_trips_and_cannot_be_acknowledged_while_it_lasts
 def test_an_emergency_stop_is_acknowledged_only_after_it_is_released(start: Start) -> None:
     rig = start(*LENIENT)
     rig.sweep()
-    rig.emulator.tell("fault aerotech e-stop")
+    rig.emulator.send("fault aerotech e-stop")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
     assert rig.safety()["cause"] == "axis fault"
     rig.call("safety", "acknowledge")
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
     assert not rig.stage.enabled()
-    rig.emulator.tell("clear aerotech")
+    rig.emulator.send("clear aerotech")
     rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
     rig.sweep()

@@ -30,7 +30,7 @@ class Stranger:
         self._rng = random.Random(seed)
 
     def bursts(self, count: int) -> Iterator[list[bytes]]:
-        """Yield so many requests, a few at a time; some are said again in the same burst."""
+        """Yield so many requests, a few at a time; some are sent again in the same burst."""
         while count > 0:
             burst = [self._one() for _ in range(min(self._rng.randint(1, 4), count))]
             if self._rng.random() < 0.3:

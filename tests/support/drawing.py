@@ -15,6 +15,6 @@ def render_nothing(patch: pytest.MonkeyPatch) -> None:
 
 
 def sketch(chart: Chart, form: str) -> bytes:
-    """Return what stands for a chart's picture, after it was drawn onto a figure."""
+    """Return a stand-in for a chart's picture, after it was drawn onto a figure."""
     chart.draw(Figure(figsize=(chart.width, chart.height), layout="constrained"))
     return form.encode()

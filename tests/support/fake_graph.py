@@ -1,4 +1,4 @@
-"""A graph of one node that a test speaks for: it loses messages, moves and restarts when it is told to."""
+"""A graph of one node that a test acts for: it loses messages, moves and restarts when it is asked to."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class FakeNode:
             self.out.publish(Sample(index=self.out.sequence))
 
     def lose(self, count: int) -> None:
-        """Publish messages that nobody hears."""
+        """Publish messages that no one reads."""
         self.out.has_readers = False
         self.say(count)
         self.out.has_readers = True
@@ -96,7 +96,7 @@ class FakeGraph:
         facts = {"graph_yaml": "graph: fake\n", "nodes": [], "workspace": str(workspace), "launch": {}}
         self.bus.answer("launch", lambda: facts)
         self.nodes: list[FakeNode] = []
-        self._said = ""
+        self._printed = ""
 
     def now_ns(self) -> int:
         return monotonic_ns() - self._start_ns
@@ -116,7 +116,7 @@ class FakeGraph:
         self.directory.write(self.bus.record)
 
     def until(self, so: Callable[[], bool]) -> None:
-        """Answer whoever asks until something is so."""
+        """Answer requests until something is so."""
         end_ns = monotonic_ns() + PATIENCE_NS
         while not so():
             assert monotonic_ns() < end_ns
@@ -125,21 +125,21 @@ class FakeGraph:
                 node.sockets.poll()
             select.select((), (), (), 0.002)
 
-    def until_said(self, process: subprocess.Popen[str], start: str) -> None:
-        """Answer until a process's standard error says a line that begins so."""
+    def until_printed(self, process: subprocess.Popen[str], start: str) -> None:
+        """Answer until a process's standard error has a line that begins so."""
         assert process.stderr is not None
         descriptor = process.stderr.fileno()
         while True:
-            line, end, rest = self._said.partition("\n")
+            line, end, rest = self._printed.partition("\n")
             if end:
-                self._said = rest
+                self._printed = rest
                 if line.startswith(start):
                     return
                 continue
             self.until(lambda: bool(select.select((descriptor,), (), (), 0.0)[0]))
-            said = os.read(descriptor, 1 << 16)  # past the buffer of stderr, of which select knows nothing
-            assert said, f"it has ended: {self._said}"
-            self._said += said.decode()
+            printed = os.read(descriptor, 1 << 16)  # past the buffer of stderr, of which select knows nothing
+            assert printed, f"it has ended: {self._printed}"
+            self._printed += printed.decode()
 
     def close(self) -> None:
         self.bus.close()

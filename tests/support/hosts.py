@@ -76,7 +76,7 @@ class Keeper(Node):
     params: Notes
     state: Count
     tick = Sub(Tick)
-    heard = Pub(Tock)
+    received = Pub(Tock)
 
     def note(self, *words):
         with open(self.params.notes, "a") as notes:
@@ -91,7 +91,7 @@ class Keeper(Node):
     @on(tick)
     def take(self, tick):
         self.note("tick", tick.index, tick.sent_ns, self.now_ns())
-        self.heard.publish(Tock(index=tick.index))
+        self.received.publish(Tock(index=tick.index))
 '''
 
 LAUNCH = """
@@ -111,7 +111,7 @@ nodes:
 
 
 class NoteBook:
-    """A named pipe into which a node writes; whoever reads waits for it."""
+    """A named pipe into which a node writes; its reader waits for it."""
 
     def __init__(self, path: Path) -> None:
         os.mkfifo(path)
@@ -202,17 +202,17 @@ class Launched(Running):
     def __init__(self, host: Host, process: subprocess.Popen[str], book: NoteBook) -> None:
         super().__init__(host)
         self.host, self.launcher, self.book = host, process, book
-        self.address = self.said("listening on ").rpartition(" ")[2].strip()
+        self.address = self.until_printed("listening on ").rpartition(" ")[2].strip()
 
-    def said(self, words: str) -> str:
-        """Wait until the launcher says a line with these words; return it."""
+    def until_printed(self, words: str) -> str:
+        """Wait until the launcher prints a line with these words; return it."""
         assert self.launcher.stderr is not None
         lines = []
         for line in self.launcher.stderr:
             lines.append(line)
             if words in line:
                 return line
-        raise AssertionError(f"ended without saying '{words}' but: {''.join(lines)}")
+        raise AssertionError(f"ended without '{words}' but: {''.join(lines)}")
 
     @property
     def guests(self) -> list[str]:

@@ -17,7 +17,7 @@ class Kept:
         self._keeping = NodeCheckpointer(bench.executor, topic, self._keep)
 
     def turn(self) -> None:
-        """Keep the node if it has said something on the topic."""
+        """Keep the node if it has published something on the topic."""
         self._keeping.turn()
 
     def _keep(self, _: int, node: bytes) -> None:

@@ -19,7 +19,7 @@ def recording(palp: Palp, *arguments: object) -> subprocess.Popen[str]:
 
 
 def ended(process: subprocess.Popen[str], number: signal.Signals | None = signal.SIGINT) -> str:
-    """End a recorder; return what it said at last."""
+    """End a recorder; return what it printed last."""
     if number is not None:
         process.send_signal(number)
     out, errors = process.communicate(timeout=PATIENCE_S)

@@ -35,7 +35,7 @@ class MadeUpState(msgspec.Struct):
 
 
 class MadeUpStop:
-    """Its second link, which says what it was told."""
+    """Its second link, which shows what it received."""
 
     written: ClassVar[list[str]] = []
     guarded: ClassVar[bool] = False
@@ -67,7 +67,7 @@ class MadeUpStop:
 
 @dataclass
 class MadeUpStage:
-    """It goes at one speed and is heard at once."""
+    """It goes at one speed and is received at once."""
 
     LINK: ClassVar[str] = "made up"
     ADDRESS: ClassVar[str] = "port:=7"

@@ -34,7 +34,7 @@ PATIENCE_S = 240.0
 FOREVER_NS = 10**18
 """What palp is to wait where a test holds that it need not."""
 
-MOST_SAID = 4000
+MOST_SHOWN = 4000
 """Characters of each log that a failure shows."""
 
 QUICK = {
@@ -118,22 +118,22 @@ class Palp:
             text=True,
         )
 
-    def said(self) -> str:
-        """What its graphs have logged, and what the processes it has started said since they were read."""
-        told = []
+    def output(self) -> str:
+        """What its graphs have logged, and what the processes it has started printed since they were read."""
+        parts = []
         for file in sorted(self.runtime_dir.glob("palp/*/log/*")):
             with contextlib.suppress(OSError):  # its run has just been cleared away
-                told.append(f"{file.name}:\n{file.read_text(errors='replace')[-MOST_SAID:]}")
+                parts.append(f"{file.name}:\n{file.read_text(errors='replace')[-MOST_SHOWN:]}")
         for started in self._started:
             how = "runs" if started.poll() is None else f"ended with {started.returncode}"
-            told.append(f"{' '.join(cast('list[str]', started.args))}: {how}")
+            parts.append(f"{' '.join(cast('list[str]', started.args))}: {how}")
             for pipe in (started.stdout, started.stderr):
                 if pipe is not None and not pipe.closed:
                     os.set_blocking(pipe.fileno(), False)
                     with contextlib.suppress(BlockingIOError):
-                        told.append(os.read(pipe.fileno(), 1 << 20).decode(errors="replace")[-MOST_SAID:])
+                        parts.append(os.read(pipe.fileno(), 1 << 20).decode(errors="replace")[-MOST_SHOWN:])
                     os.set_blocking(pipe.fileno(), True)  # other tests of the file may go on reading
-        return "\n".join(told)
+        return "\n".join(parts)
 
     def close(self) -> None:
         """Leave nothing behind, whatever the test did."""
@@ -165,7 +165,7 @@ class Palp:
         return found
 
     def all_gone(self, within_s: float = PATIENCE_S) -> bool:
-        """Wait for the end of every marked process; tell whether it came in time."""
+        """Wait for the end of every marked process; return whether it came in time."""
         end_ns = monotonic_ns() + round(within_s * 1e9)
         alive: list[psutil.Process] = []
         while alive := [process for process in alive if _lives(process)] or self.processes():
@@ -210,7 +210,7 @@ def wait_for_line(process: subprocess.Popen[str], start: str) -> None:
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Wait for a process; return its status and what it said."""
+    """Wait for a process; return its status and what it printed."""
     output, errors = process.communicate(timeout=PATIENCE_S)
     return process.returncode, output + errors
 

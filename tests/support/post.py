@@ -72,7 +72,7 @@ class ReaderParams(Params):
 
 
 def rob():
-    """Drop one frame of twenty before anybody sees it."""
+    """Drop one frame of twenty before it is seen."""
     honest, chance = subscriber_socket.SubscriberSocket.dispatch, random.Random(5)
 
     def dispatch(self, arrive, slice_ns, wait_ms=0):
@@ -135,7 +135,7 @@ class Reader(Node):
 
 
 class ClerkParams(Params):
-    """What a clerk goes by: ``desk`` is where it sits."""
+    """Parameters of a clerk: ``desk`` is where it sits."""
 
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 100.0
     offset: Annotated[int, msgspec.Meta(ge=0, le=10, description="what is added to a number")] = 0
@@ -216,8 +216,8 @@ class Caller(Node):
     def note(self, text):
         with open(self.params.out, "a") as out:
             out.write(text + "\\n")
-        self.heard = getattr(self, "heard", 0) + 1
-        if self.heard == self.params.count:
+        self.received = getattr(self, "received", 0) + 1
+        if self.received == self.params.count:
             self.finish()
 
     @on(ask)
@@ -318,7 +318,7 @@ class Post:
         return account
 
     def lost_by_event(self) -> int:
-        """Letters that the reader was told are lost."""
+        """Letters that the reader was notified of as lost."""
         path = Path(f"{self.out}.events")
         lines = path.read_text().splitlines() if path.exists() else []
         return sum(int(line.split()[1]) for line in lines if line.startswith("message_lost"))

@@ -31,7 +31,7 @@ class Stage(Running):
         self._past_count = 0
 
     def renew(self) -> bool:
-        """Let all be as at the start for another test; tell whether nothing is wrong with it."""
+        """Let all be as at the start for another test; return whether nothing is wrong with it."""
         if self.launcher.poll() is not None or self.judgement()[1]:
             return False
         info = self.graph.ask("relay", "info", timeout_s=PATIENCE_S)
@@ -73,7 +73,7 @@ class Stage(Running):
         return last
 
     def wait_for_source(self) -> None:
-        """Let a little time go by: until the source is heard."""
+        """Let a little time pass: until a message of the source arrives."""
         reader = SubscriberSocket({"/source/out": f"ipc://{self.folder}/source.pub"})
         try:
             while not any(parse(raw).kind == Kind.DATA for raw in reader.receive()):

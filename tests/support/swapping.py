@@ -255,7 +255,7 @@ class Faulty(Relay):
 
 
 class Fleeting(Faulty):
-    """Dies as soon as it has said that it has taken over; a launcher that it stops hears of both together."""
+    """Dies as soon as it has reported that it has taken over; a stopped launcher learns both together."""
 
     def on_resume(self):
         do(self.params)
@@ -297,7 +297,7 @@ class Forgetful(Novice):
 
 
 class Brittle(Novice):
-    """Cannot bear a number, whoever has the part."""
+    """Cannot bear a number, whichever node it is."""
 
     @on(Relay.num)
     def pass_on(self, num):
@@ -351,7 +351,7 @@ class LonerState(State):
 
 
 class Loner(Novice):
-    """Nobody can take its state back."""
+    """No class can take its state back."""
 
     state: LonerState
 
@@ -400,7 +400,7 @@ class Sink(Node):
             state.makers.append(num.by)
 
     @serve(judge)
-    def tell(self, num):
+    def answer(self, num):
         state = self.state
         text = f"{state.index}|{','.join(state.bad)}|{','.join(state.makers)}"
         if num.by == "forget":

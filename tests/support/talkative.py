@@ -32,7 +32,7 @@ class Load(Message):
 
 
 class Seen(Message):
-    """What the reader has been told."""
+    """What the reader has received."""
 
     load_n: Newtons
     note: str
@@ -45,7 +45,7 @@ class WeighRequest(Message):
 
 
 class WeighReply(Message):
-    """The load, multiplied, and how often anybody asked."""
+    """The load, multiplied, and how often it was asked."""
 
     load_n: Newtons
     asked_count: Count
@@ -112,7 +112,7 @@ class ScaleState(State):
 
 
 class Scale(Node):
-    """Take a load from outside, tell what it is; let simulated time run no faster than that."""
+    """Take a load from outside, report what it is; let simulated time run no faster than that."""
 
     params: ScaleParams
     state: ScaleState
@@ -155,7 +155,7 @@ nodes:
 
 
 class Talk:
-    """The graph, running, and the command line beside it."""
+    """The graph, running, and the command line next to it."""
 
     def __init__(self, palp: Palp, folder: Path, *arguments: str) -> None:
         packages = {"msgs/__init__.py": "", "nodes/__init__.py": ""}
@@ -170,22 +170,22 @@ class Talk:
         """Run a verb."""
         return self.palp.here(*words)
 
-    def said(self, *words: object) -> str:
-        """What a verb says on standard output; it succeeds."""
+    def printed(self, *words: object) -> str:
+        """Return what a verb prints; it succeeds."""
         done = self.run(*words)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
     def refused(self, *words: object) -> str:
-        """What a verb says on standard error; it ends with status 2 and prints nothing else."""
+        """Return the error of a verb; it ends with status 2 and prints nothing else."""
         done = self.run(*words)
         assert done.returncode == 2, (done.stdout, done.stderr)
         assert "Traceback" not in done.stderr
         return done.stderr
 
-    def told(self, *words: object) -> object:
-        """What a verb says to machines, the last line of it."""
-        return json.loads(self.said(*words, "--json").splitlines()[-1])
+    def answered(self, *words: object) -> object:
+        """Return the last line that a verb prints with --json."""
+        return json.loads(self.printed(*words, "--json").splitlines()[-1])
 
 
 @pytest.fixture(scope="module")

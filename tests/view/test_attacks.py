@@ -82,7 +82,7 @@ def a_post_of_another_site(target: Target) -> None:
     preflight = target.open.ask(polling, "OPTIONS", Origin=EVIL, Access_Control_Request_Method="POST")
     assert preflight.status == 403
     assert preflight.headers.get("access-control-allow-origin") is None
-    for method in ("GET", "POST"):  # the gate counts sockets: nobody polls, whatever the origin
+    for method in ("GET", "POST"):  # the gate counts sockets: no one polls, whatever the origin
         assert target.open.ask(polling, method, b"40", Origin=target.open.origin).status == 400
 
 
@@ -183,14 +183,14 @@ def values_out_of_their_bounds(target: Target) -> None:
 
 
 def set_name(target: Target, page: PageSocket, name: str) -> None:
-    """Do what one may do, and wait until it is done: all that was said before has been heard."""
+    """Do what one may do, and wait until it is done: all that was sent before has arrived."""
     page.fill("name", name)
     page.click("set name")
     while target.value("name") != name:
         page.read()
 
 
-def events_of_nobody(target: Target) -> None:
+def events_without_a_page(target: Target) -> None:
     page, other = PageSocket(target.open, "/node/source"), PageSocket(target.open, "/node/source")
     found = page.labelled("set rate_hz")
     strange: list[Any] = [None, 5, "x", [], {}, {"client_id": "x"}, {"client_id": None}, {"client_id": []}]
@@ -225,7 +225,7 @@ def too_long_a_word(target: Target) -> None:
 # Many, slow, silent
 
 
-def pages_that_nobody_reads(target: Target) -> None:
+def pages_without_a_reader(target: Target) -> None:
     """A browser that opens pages and takes nothing of what comes."""
     for _ in range(30):
         target.open.ask(target.page("/topic/source/sample"))
@@ -241,13 +241,13 @@ CHEAP: list[Callable[[Target], None]] = [
     the_token_leads_nowhere,
     what_a_read_only_page_hides,
     values_out_of_their_bounds,
-    events_of_nobody,
+    events_without_a_page,
     too_long_a_word,
 ]
 LONG = [
     paths_out_of_the_page,
     words_that_are_no_words,
-    pages_that_nobody_reads,
+    pages_without_a_reader,
 ]
 
 
@@ -258,7 +258,7 @@ LONG = [
         *(pytest.param(one, id=one.__name__, marks=pytest.mark.nightly) for one in LONG),
     ],
 )
-def test_an_attack_gets_nothing_and_keeps_nobody_out(
+def test_an_attack_gets_nothing_and_keeps_no_one_out(
     attack: Callable[[Target], None], target: Target
 ) -> None:
     attack(target)

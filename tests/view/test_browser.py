@@ -32,7 +32,7 @@ HOSTILE = (
     'x" :onclick="window.hacked=1" :y="window.hacked=1',
     "{{constructor.constructor('window.hacked=1')()}}",
 )
-"""Names and words that are markup to whoever puts them into a page unlooked at."""
+"""Names and words that are markup if they are put into a page as they are."""
 NOTHING_STANDS_OUT = "() => document.scrollingElement.scrollWidth <= innerWidth"
 
 
@@ -45,7 +45,7 @@ def shown(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
 def viewing(shown: Viewing) -> Iterator[Viewing]:
     """The page, of which no script fails and which fetches nothing from elsewhere."""
     yield shown
-    shown.page.goto("about:blank")  # what nobody looks at any more is not drawn
+    shown.page.goto("about:blank")  # what is no longer looked at is not drawn
     assert (shown.failures, shown.elsewhere) == ([], [])
 
 
@@ -71,7 +71,7 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     viewing.plot("torque_n_m", "index")
 
 
-def test_the_address_tells_what_is_plotted(viewing: Viewing) -> None:
+def test_the_address_has_what_is_plotted(viewing: Viewing) -> None:
     page = viewing.page
     viewing.go(f"/topic/source/sample?fields=torque_n_m[{'9' * 5000}],index&window=nonsense")
     page.locator(".q-chip", has_text="index").wait_for()
@@ -172,7 +172,7 @@ def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
 def test_a_bag_is_shown_with_a_time_bar(browser: Any, shared_palp: Palp, bag: Path) -> None:
     viewing = Viewing(browser, shared_palp.start("view", bag, "--no-browser"))
     page = viewing.go("/topic/torque/block")
-    viewing.says("number 200, at 0.199 s")  # its end, by which all of it has been said
+    viewing.says("number 200, at 0.199 s")  # its end, by which all of it has been published
     page.locator(".q-slider").click()  # at its middle
     viewing.until("() => !document.querySelector('[data-what=stamp]').innerText.startsWith('number 200,')")
     page.get_by_role("button", name="play", exact=True).click()

@@ -1,4 +1,4 @@
-"""Topics that somebody looks at: read at once, kept only as far as shown, let go when nobody looks."""
+"""Topics that are looked at: read at once, kept only as far as shown, let go when no one looks."""
 
 from __future__ import annotations
 
@@ -41,9 +41,7 @@ def last(watch: TopicWatch) -> int:
     return found.sequence if found is not None else 0
 
 
-def test_what_comes_is_seen_and_nothing_is_kept_that_nobody_asks_for(
-    graph: FakeGraph, known: RunningGraph
-) -> None:
+def test_what_comes_is_seen_and_nothing_is_kept_unasked(graph: FakeGraph, known: RunningGraph) -> None:
     all_feeds = Feeds(known)
     watch = all_feeds.watch(known.topic("/source/sample"))
     listened(graph, so=True)
@@ -90,7 +88,7 @@ def test_a_page_that_does_not_ask_keeps_no_more_than_its_bound(
     listened(graph, so=False)
 
 
-def test_a_message_that_is_too_large_or_no_message_is_told_and_not_shown(known: RunningGraph) -> None:
+def test_a_message_that_is_too_large_or_no_message_is_reported_and_not_shown(known: RunningGraph) -> None:
     topic = known.topic("/source/sample")
     for payload, words in (
         (bytes(2 << 20), "2097152 bytes"),

@@ -18,7 +18,7 @@ Headers = tuple[tuple[bytes, bytes], ...]
 
 
 class Pages:
-    """Stands for the pages: notes who got in, and what of a body it is given."""
+    """Takes the place of the pages: notes who got in, and what of a body it is given."""
 
     def __init__(self) -> None:
         self.scopes: list[Any] = []
@@ -162,7 +162,7 @@ def test_no_more_than_so_many_at_once(kind: str, most: int) -> None:
     assert asyncio.run(crowd()) == (most, most + 1)  # and when they have gone, there is room again
 
 
-def test_a_browser_is_told_to_fetch_nothing_from_elsewhere() -> None:
+def test_a_browser_is_asked_to_fetch_nothing_from_elsewhere() -> None:
     asked = asyncio.run(ask(PageGate(Pages(), TOKEN), scope_of(f"/{TOKEN}/")))
     policy = asked.header(b"content-security-policy").decode()
     assert "default-src 'self'" in policy

@@ -103,7 +103,7 @@ def test_a_node_that_joins_appears_with_its_class(shown: Shown) -> None:
     shown.until(lambda it: ("late", "nodes.late:Late") in [(node.name, node.run) for node in it.nodes])
 
 
-def test_a_node_that_is_not_at_work_and_one_that_restarts_are_told(shown: Shown) -> None:
+def test_a_node_that_is_inactive_and_one_that_restarts_are_shown(shown: Shown) -> None:
     shown.now = health(0, lifecycle="inactive")
     overview = shown.until(lambda it: bool(it.nodes[0].lifecycle == "inactive"))
     assert "it is inactive" in overview.troubles[0].text

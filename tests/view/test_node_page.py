@@ -1,4 +1,4 @@
-"""The page of a node without a browser: its parameters, what it reads, what is said of a swap."""
+"""The page of a node without a browser: its parameters, what it reads, what is shown of a swap."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MODE = {**LEVEL, "name": "mode", **CHOICES}
 
 
 class Node:
-    """Stands for a viewer of a node with parameters, which takes what is at most 1."""
+    """Takes the place of a viewer of a node with parameters, which takes what is at most 1."""
 
     def __init__(self) -> None:
         self.source = ToySource()
@@ -51,7 +51,7 @@ def panel(node: Any) -> Any:
     return lambda: parameters_panel(node, "sink")
 
 
-def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside_it() -> None:
+def test_a_refused_value_is_reported_at_its_field_next_to_the_one_in_force() -> None:
     async def look(user: Any) -> None:
         await user.should_see("0.25")
         await user.should_see("float, at least 0, at most 1; default 0.5")
@@ -73,7 +73,7 @@ def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside
     simulated(panel(Node()), look)
 
 
-def test_the_parameters_are_those_of_the_class_at_work() -> None:
+def test_the_parameters_are_those_of_the_running_class() -> None:
     node = Node()
 
     async def look(user: Any) -> None:

@@ -20,7 +20,7 @@ LOAD = {"title": "Load", "type": "object", "properties": {"load_n": {"type": "nu
 
 
 class Stage:
-    """Stands for a running graph with a node that may move: notes what it is asked to change."""
+    """Takes the place of a running graph with a node that may move: notes what it is asked to change."""
 
     def __init__(self, folder: Path, *, clock: str = "wall", moves: bool = True, known: bool = True) -> None:
         place = f"ipc://{folder}"

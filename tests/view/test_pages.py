@@ -225,7 +225,7 @@ def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed
     simulated(lambda: panels.append(EndPanel(viewer)), look)
 
 
-def test_the_time_bar_tells_where_the_bag_is_whoever_has_begun_to_play_it() -> None:
+def test_the_time_bar_shows_where_the_bag_is_whatever_page_plays_it() -> None:
 
     class Recording:
         start_s, end_s, at_s, playing = 5.0, 6.0, 6.0, False
@@ -248,7 +248,7 @@ def test_the_time_bar_tells_where_the_bag_is_whoever_has_begun_to_play_it() -> N
         await user.should_see("play")
         (bar,) = user.find(ui.slider).elements
         assert bar.value == 5.25
-        bar.value = 5.75  # somebody moves it
+        bar.value = 5.75  # a person moves it
         await user.should_see("5.750 s, of 5.000 to 6.000")
         assert recording.at_s == 5.75
 

@@ -15,7 +15,7 @@ from tests.support.palp import PATIENCE_S
 
 
 class Pages:
-    """Stands for the pages: one of them never returns until it is let, and keeps its thread."""
+    """Takes the place of the pages: one of them never returns until it is let, and keeps its thread."""
 
     def __init__(self) -> None:
         self.stuck, self.let = threading.Event(), threading.Event()
@@ -63,16 +63,16 @@ class Served:
         await self._whole
 
     async def ask(self, path: str, method: str = "POST") -> tuple[int, str]:
-        told: list[Any] = []
+        sent: list[Any] = []
 
         async def receive() -> Any:
             return {"type": "http.request", "body": b""}
 
         async def send(message: Any) -> None:
-            told.append(message)
+            sent.append(message)
 
         await self.app({"type": "http", "method": method, "path": path}, receive, send)
-        return told[0]["status"], told[1]["body"].decode()
+        return sent[0]["status"], sent[1]["body"].decode()
 
 
 def test_a_press_is_answered_while_a_page_keeps_its_thread() -> None:

@@ -43,7 +43,7 @@ def test_a_bag_shows_what_was_so_at_the_chosen_time(bag: Path) -> None:
     source.close()
 
 
-def test_of_a_bags_wires_nothing_is_said_that_nobody_has_counted(bag: Path) -> None:
+def test_a_bags_wires_have_no_counts_that_were_not_recorded(bag: Path) -> None:
     source = RecordedSource(bag)
     source._launch = {"listens": {"estimator": ["/torque/block"]}}
     (wire,) = examined(source).wires
@@ -75,7 +75,7 @@ def test_all_of_some_topics_is_remembered_whatever_the_chosen_time(bag: Path) ->
     assert {name for name, _ in found} == {"/policy/mode", "/torque/block"}
 
 
-def test_what_plays_goes_on_as_the_clock_does_up_to_the_end_and_begins_anew(
+def test_what_plays_goes_on_as_the_clock_does_up_to_the_end_and_begins_again(
     bag: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_ns = [0]
@@ -97,7 +97,7 @@ def test_what_plays_goes_on_as_the_clock_does_up_to_the_end_and_begins_anew(
     source.close()
 
 
-def test_what_a_bag_lacks_is_said_with_its_place(tmp_path: Path) -> None:
+def test_what_a_bag_lacks_is_reported_with_its_place(tmp_path: Path) -> None:
     frames = run_frames(50)
     whole, _ = record(tmp_path / "whole", frames)
     assert examined(RecordedSource(whole)).troubles == []

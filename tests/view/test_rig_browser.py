@@ -38,7 +38,7 @@ def shown(browser: Any, shared_palp: Palp, tmp_path_factory: pytest.TempPathFact
 def rig(shown: Viewing) -> Iterator[Viewing]:
     """The page, of which no script fails and which fetches nothing from elsewhere."""
     yield shown
-    shown.page.goto("about:blank")  # what nobody looks at any more is not drawn
+    shown.page.goto("about:blank")  # what is no longer looked at is not drawn
     assert (shown.failures, shown.elsewhere) == ([], [])
 
 

@@ -122,7 +122,7 @@ def test_a_viewer_is_idle_when_it_was_out_of_use_for_long_enough() -> None:
     assert timer.expired(530 * 10**9, in_use=False)
 
 
-def test_a_viewer_ends_after_its_graph_when_nobody_looks(palp: Palp) -> None:
+def test_a_viewer_ends_after_its_graph_when_no_one_looks(palp: Palp) -> None:
     graph = palp.start("launch", CHAIN, "count:=1000000")
     wait_for_line(graph, "blocks: 1/")
     palp.constants["palp_core.view.server.serve:IDLE_S"] = 0.0

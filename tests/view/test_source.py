@@ -165,7 +165,7 @@ def edge_row(**changed: Any) -> EdgeRow:
     return EdgeRow(**{**given, **counts, **latencies, **changed})
 
 
-def test_of_a_node_that_changes_hands_it_is_not_said_that_it_rests() -> None:
+def test_a_node_that_changes_hands_is_not_shown_as_silent() -> None:
     asked = list[str]()
 
     def ask(_: str, operation: str, **__: Any) -> dict[str, Any]:

@@ -23,7 +23,7 @@ SAID: list[tuple[str, Message]] = [
 ]
 
 
-def test_a_bag_tells_what_happened_to_the_graph_to_its_nodes_and_how_they_stood(tmp_path: Path) -> None:
+def test_a_bag_shows_what_happened_to_the_graph_and_to_its_nodes_and_their_state(tmp_path: Path) -> None:
     topics = [describe(type(message), name) for name, message in dict(SAID).items()]
     recorder = BagRecorder(BagWriter(tmp_path / "run"), topics)
     count = dict.fromkeys(dict(SAID), 0)
@@ -47,7 +47,7 @@ def test_a_page_keeps_what_was_each_once_and_the_latest_first() -> None:
     assert latest_first([fault, well, fault]) == [well, fault]
 
 
-def test_to_begin_well_is_no_news_and_a_level_that_nobody_knows_is_a_warning() -> None:
+def test_to_begin_well_is_no_news_and_an_unknown_level_is_a_warning() -> None:
     assert of_status("a", Sample(0, 1, {"level": "ok", "text": ""})) is None
     odd = of_status("a", Sample(0, 1, {"level": "purple", "text": "odd"}))
     assert odd == TimelineEvent(0.0, "warning", "a", "odd", "warn")

@@ -90,7 +90,7 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
 ) -> None:
     book = away.book()
     guest = away.start(*keeper(home, graph, "guest", book))
-    graph.said("/guest has joined")
+    graph.until_printed("/guest has joined")
     ticks = [book.until("tick") for _ in range(100)]
     indices = [int(tick[1]) for tick in ticks]
     assert indices == list(range(indices[0], indices[0] + 100))
@@ -98,7 +98,7 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
 
     graph.until(lambda: "guest" in graph.nodes)
     assert graph.record["listen"] == graph.address
-    echoed = home.run("topic", "echo", "/guest/heard", "--once", "--json")
+    echoed = home.run("topic", "echo", "/guest/received", "--once", "--json")
     assert echoed.returncode == 0, echoed.stderr
     assert '"index"' in echoed.stdout
     info = graph.ask("guest", op="info")
@@ -124,7 +124,7 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
     assert status == 130
     assert "the node exited" in said
     book.until("safe")
-    graph.said("/guest has left")
+    graph.until_printed("/guest has left")
     assert away.all_gone()
 
 
@@ -134,7 +134,7 @@ def test_two_guests_hear_each_other_and_large_messages_cross_whole(
     book = away.book()
     large = ("-p", "size:=300000", "-p", "rate_hz:=20.0")
     away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "drummer", *large))
-    graph.said("/drummer has joined")
+    graph.until_printed("/drummer has joined")
     away.start(*keeper(home, graph, "second", book, "/drummer/tick"))
     indices = [int(book.until("tick")[1]) for _ in range(20)]
     assert indices == list(range(indices[0], indices[0] + 20))
@@ -169,7 +169,7 @@ def test_a_guest_that_is_killed_leaves_and_the_next_of_its_name_is_another_to_it
     status, said = finished(guest)
     assert status == 1
     assert "SIGKILL" in said
-    graph.said("/pulse has left")
+    graph.until_printed("/pulse has left")
     assert "has not joined" in graph.ask("pulse", op="info")["error"]
     again = away.start(*pulse)
     while int(pulses.until("tick")[1]) != 1:  # each turn waits at the pipe
@@ -177,7 +177,7 @@ def test_a_guest_that_is_killed_leaves_and_the_next_of_its_name_is_another_to_it
     accounts = graph.ask("scribe", op="info")["inputs"]["/pulse/tick"]
     assert (accounts["lost"], accounts["epoch"]) == (0, 2)
     os.kill(again.pid, signal.SIGKILL)
-    graph.said("/pulse has left")
+    graph.until_printed("/pulse has left")
     assert away.all_gone()
     graph.until(lambda: not graph.guests)
 
@@ -193,7 +193,7 @@ def test_when_the_gateway_dies_the_guest_is_safe_the_graph_goes_on_and_can_be_jo
     assert status == 1
     assert "has ended" in said
     book.until("safe")
-    graph.said("the gateway listens again")
+    graph.until_printed("the gateway listens again")
     assert graph.ask("ticker", op="info")["lifecycle"] == "active"
     own, server = away.keys.own(), home.keys.own()
     assert own is not None
@@ -230,7 +230,7 @@ def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
     assert [int(book.until("tick")[1]) for _ in range(200)] == list(range(first + 1, first + 201))
     guest.send_signal(signal.SIGINT)
     assert finished(guest)[0] == 130
-    graph.said("/nodding has left")
+    graph.until_printed("/nodding has left")
 
 
 @pytest.mark.parametrize("seconds", [4, pytest.param(30, marks=pytest.mark.nightly)])
@@ -243,9 +243,9 @@ def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
     stopped = end_of_join(graph, away, "node")
     stopped.suspend()
     lasting(home, seconds)
-    graph.said("/asleep has sent no heartbeat for 3 s")
+    graph.until_printed("/asleep has sent no heartbeat for 3 s")
     stopped.resume()
-    graph.said("/asleep: answers again")
+    graph.until_printed("/asleep: answers again")
     count = 100 * seconds
     assert [int(book.until("tick")[1]) for _ in range(count)] == list(range(first + 1, first + 1 + count))
     guest.send_signal(signal.SIGINT)
@@ -278,7 +278,7 @@ def test_both_ends_of_a_join_know_of_one_that_slept_and_the_guest_is_safe(
     if seconds:
         lasting(home, seconds)
     else:
-        graph.said("has left: nothing came from it for 3 s")
+        graph.until_printed("has left: nothing came from it for 3 s")
     for process in slept:
         process.resume()
     status, said = finished(guest)
@@ -286,7 +286,7 @@ def test_both_ends_of_a_join_know_of_one_that_slept_and_the_guest_is_safe(
     assert "this graph has dropped the connection" in said or "answers no longer" in said  # who is first
     book.until("safe")
     if seconds:
-        graph.said("/sleeper has left")
+        graph.until_printed("/sleeper has left")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
@@ -341,7 +341,7 @@ def test_a_node_that_the_launch_file_expects_joins_with_its_wires_and_params_and
 ) -> None:
     lone_home.file.write_text(EXPECTING)
     graph = lone_home.launch()  # it does not wait
-    assert "palp run nodes.toys:Ticker --name metronome --join" in graph.said("/metronome can join")
+    assert "palp run nodes.toys:Ticker --name metronome --join" in graph.until_printed("/metronome can join")
     lone_away.start(*joining(lone_home, graph, "nodes.toys:Ticker", "--name", "metronome"))
     indices = [int(graph.book.until("tick")[1]) for _ in range(20)]
     assert indices == list(range(1, 21))

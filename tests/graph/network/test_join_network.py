@@ -118,6 +118,6 @@ def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
     assert status == 1
     assert "answers no longer" in said
     book.until("safe")
-    assert "nothing came from it for 3 s" in graph.said("/guest has left")
+    assert "nothing came from it for 3 s" in graph.until_printed("/guest has left")
     assert graph.ask("ticker", op="info")["lifecycle"] == "active"
     cable.set("up")

@@ -150,7 +150,7 @@ def toys(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GraphView]:
     ("name", "run", "wires", "words"),
     [
         ("guest", "Keeper", {"tick": "/ticker/tikc"}, "did you mean '/ticker/tick'"),
-        ("guest", "Keeper", {"tick": "/keeper/heard"}, "/keeper/heard carries Tock, not Tick"),
+        ("guest", "Keeper", {"tick": "/keeper/received"}, "/keeper/received carries Tock, not Tick"),
         ("guest", "Keeper", {}, "add -r tick:=/ticker/tick or -r tick:=/keeper/tick or -r tick:=/metr"),
         ("guest", "Keeper", {"tock": "/ticker/tick"}, "has no port 'tock'"),
         ("guest", "Ticker", {"tick": "/keeper/tick"}, "is no input: only inputs can be wired from outside"),

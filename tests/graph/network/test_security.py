@@ -75,23 +75,23 @@ def test_a_stranger_that_knows_the_server_key_is_refused_by_name_let_in_once_all
     done = away.here(*join)
     assert done.returncode == 2
     assert f"palp keys allow '{stranger}'" in done.stderr
-    assert "refused a stranger" in graph.said(stranger)
+    assert "refused a stranger" in graph.until_printed(stranger)
     (refused,) = [event for event in graph.events() if event.kind == "refused" and stranger in event.text]
-    told = json.loads(refused.data)
-    assert (told["address"], told["key"]) == ("127.0.0.1", stranger)
+    given = json.loads(refused.data)
+    assert (given["address"], given["key"]) == ("127.0.0.1", stranger)
     assert "refused a stranger from 127.0.0.1" in home.here("doctor").stdout
     command = re.search(r"palp keys allow '(.*)' --name NAME", refused.text)
     assert command is not None
     allowed = home.here("keys", "allow", command[1], "--name", "away")
     assert allowed.returncode == 0, allowed.stderr
     process = away.start(*join)
-    graph.said("/guest has joined")
+    graph.until_printed("/guest has joined")
     assert process.poll() is None
     assert home.here("keys", "deny", "away").returncode == 0
     status, said = finished(process)
     assert status == 1
     assert "no longer allowed" in said
-    graph.said("/guest has left")
+    graph.until_printed("/guest has left")
 
 
 def test_strangers_get_nothing_whatever_they_send(graph: Launched, away: Host) -> None:
@@ -128,15 +128,15 @@ def test_an_address_that_is_taken_is_said_before_any_node_starts(lone_host: Host
 def test_on_loopback_without_keys_there_is_a_warning_and_joining_needs_none(
     open_graph: Launched, lone_host: Host
 ) -> None:
-    open_graph.said("without keys: every user of this host can join")
+    open_graph.until_printed("without keys: every user of this host can join")
     lone_host.start("run", "nodes.toys:Ticker", "--name", "guest", "--join", open_graph.address)
-    open_graph.said("/guest has joined")
+    open_graph.until_printed("/guest has joined")
 
 
 def test_the_secret_is_seen_nowhere(home: Host, graph: Launched, away: Host) -> None:
     home.keys.allow(away.keys.generate("away").public, away.folder.name)
     away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "discreet"))
-    graph.said("/discreet has joined")
+    graph.until_printed("/discreet has joined")
     seen = [home.here("keys", "list").stdout, home.here("keys", "list", "--json").stdout]
     for host in (home, away):
         seen += [" ".join(process.cmdline()) for process in host.running("palp_core")]
@@ -172,7 +172,7 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     assert "rejected 8 messages of " in (graph.folder / "log" / "gateway.log").read_text()
     assert graph.ask("ticker", op="info")["lifecycle"] == "active"
     raw.say("leave", text="x" * 1_000_000, exit_code=-1)
-    assert len(graph.said("/raw has left")) < 2 * LONGEST_TEXT
+    assert len(graph.until_printed("/raw has left")) < 2 * LONGEST_TEXT
 
 
 def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(graph: Launched, raw: Raw) -> None:

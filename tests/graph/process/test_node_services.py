@@ -76,7 +76,7 @@ def test_parameters_are_set_as_a_whole_or_not_at_all(office: Office) -> None:
 def test_parameters_describe_themselves(office: Office) -> None:
     reply = office.ask("describe_parameters")
     described = reply["parameters"]
-    assert reply["about"] == "What a clerk goes by: ``desk`` is where it sits."
+    assert reply["about"] == "Parameters of a clerk: ``desk`` is where it sits."
     assert described["offset"]["description"] == "what is added to a number"
     assert (described["offset"]["minimum"], described["offset"]["maximum"]) == (0, 10)
     assert described["mood"]["choices"] == ["kind", "stern"]

@@ -122,7 +122,7 @@ def test_what_no_publisher_has_any_more_is_listed_per_topic_and_ends_non_zero(
     source = graph.node("source", depth=1)
     graph.announce(source)
     recorder = palp.start("bag", "record", "/source/sample", "-o", tmp_path / "bag")
-    graph.until_said(recorder, "recording ")
+    graph.until_printed(recorder, "recording ")
     source.say(10)
     source.lose(5)
     source.say(2)

@@ -172,7 +172,7 @@ def test_what_a_map_says_of_a_node_that_has_joined_crosses(home: Host, away: Hos
     file.write_text(JOIN_MAP, encoding="utf-8")
     graph = home.launch()
     guest = away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "guest"))
-    graph.said("/guest has joined")
+    graph.until_printed("/guest has joined")
     bridge = bridged(home, file, "as /home_bridge (2 topics to ROS 2")
     assert peer(home, "hear", "/at_home", "ticker") == TICKER
     assert peer(home, "hear", "/away", "guest") == TICKER

@@ -92,7 +92,7 @@ class Page:
             raise AssertionError(f"{argument!r} never came; there is, after {how}: {there}") from error
 
     def text_changes(self, selector: str) -> None:
-        """Wait until what stands there is another than now."""
+        """Wait until the text is another than now."""
         before = self.page.inner_text(selector)
         self.until("([at, text]) => document.querySelector(at).innerText !== text", [selector, before])
 

@@ -1,4 +1,4 @@
-"""A page without a browser: what the server sends is kept, and whatever a browser could say can be said."""
+"""A page without a browser: what the server sends is kept, and all that a browser could send can be sent."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
 
 class PageServer:
-    """A viewer's server, as somebody on this host reaches it.
+    """A viewer's server, as a program on this host reaches it.
 
     Args:
         address: As ``palp view`` prints it.
@@ -45,11 +45,11 @@ class PageServer:
         return f"http://{self.host}"
 
     def connect(self) -> socket.socket:
-        """Return a connection on which nothing was said yet."""
+        """Return a connection on which nothing was sent yet."""
         return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
 
     def ask(self, path: str, method: str = "GET", body: bytes | None = None, **headers: str) -> Answer:
-        """Ask as any program would; an underscore in a header's name stands for a dash."""
+        """Ask as any program would; an underscore in a header's name is a dash."""
         with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)) as connection:
             named = {name.replace("_", "-"): text for name, text in headers.items()}
             connection.request(method, path, body, named)
@@ -68,8 +68,8 @@ class PageServer:
     def socket_address(self, **query: object) -> str:
         """Return where the socket of a page is."""
         words = {"EIO": 4, "transport": "websocket", **query}
-        told = "&".join(f"{name}={value}" for name, value in words.items())
-        return f"ws://{self.host}/{self.token}/_nicegui_ws/socket.io/?{told}"
+        pairs = "&".join(f"{name}={value}" for name, value in words.items())
+        return f"ws://{self.host}/{self.token}/_nicegui_ws/socket.io/?{pairs}"
 
 
 class PageSocket:
