@@ -158,7 +158,7 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     raw.say("join", request={**request, "outputs": {"/ticker/tick": view["topics"]["/ticker/tick"]}})
     assert "under its own name only" in raw.until("refused")["text"]
     raw.say("join", request={**request, "host": "h" * 1_000_000})
-    assert "$.request.host" in raw.until("refused")["text"]
+    assert "request.host must be" in raw.until("refused")["text"]
     raw.say("join", request=request)
     assert raw.until("joined")["epoch"] == 1
     for topic, kind in ((b"/ticker/tick", Kind.DATA), (b"/raw/x", Kind.MOVED), (b"/graph/events", Kind.DATA)):
