@@ -27,6 +27,7 @@ HEAVY = frozenset(
         "scipy", "pywt", "yaml",
     }
 )  # fmt: skip
+"""With palp's own modules, of which the rig's nodes share three hundred."""
 OF_SCIPY = tuple(f"scipy.{name}" for name in ("special", "optimize", "interpolate", "linalg", "sparse"))
 """What ``import scipy`` alone leaves until a handler names it, and half a second is too late there."""
 INSPECTING = ""
@@ -134,14 +135,18 @@ class _HeavyImports:
         self._send = send
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
-        if name in HEAVY:
+        if _is_heavy(name):
             with contextlib.suppress(OSError):
                 self._send(HeavyImport(name))
 
 
+def _is_heavy(module: str) -> bool:
+    return module in HEAVY or module.startswith("palp_core.")
+
+
 def import_heavy(module: str) -> None:
     """Import what was announced, of what is heavy."""
-    if module in HEAVY:
+    if _is_heavy(module):
         with contextlib.suppress(ImportError):  # the child has met it too, and says so
             for name in OF_SCIPY if module == "scipy" else (module,):
                 importlib.import_module(name)

@@ -57,9 +57,8 @@ from palp_core.graph.supervision.logs import LogWriter
 GRACE_NS = 600_000_000
 RECORDER_GRACE_NS = 12_000_000_000
 CLOSE_TIMEOUT_S = 5.0
-LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.executor")
-"""What every node needs; no zmq (a child may use an inherited socket without error), and nothing of the
-workspace (a swap could not load it again)."""
+LIGHT = ("numpy.random", "palp_core.graph.process.main")
+"""What every node needs, and nothing of the workspace (a swap could not load it again)."""
 NO_PROCESS = 2**31 - 1
 """In place of the id of a process that could not be started: no process has one as high."""
 

@@ -109,7 +109,9 @@ class Supervisor:
         """Start every node; return when all are configured and all edges matched."""
         for process in self.processes:
             self._launcher.spawn(process)
-        self._await(lambda p: p.configured, "configured")
+        self._await(
+            lambda p: p.configured and p.pid > 0, "configured"
+        )  # a node may outrun the server's event
         self._await(lambda p: p.matched, "matched with its publishers")
 
     def _await(self, ready: Callable[[ManagedProcess], bool], what: str) -> None:
