@@ -50,7 +50,7 @@ from palp_core.graph.supervision.fork_child import (
     open_many_files,
     run_child,
 )
-from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
+from palp_core.graph.supervision.fork_start import Fork, ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
 
@@ -419,6 +419,23 @@ def _next_gone() -> tuple[int, int] | None:
         os.killpg(found.si_pid, signal.SIGKILL)
     _, status = os.waitpid(found.si_pid, 0)
     return found.si_pid, os.waitstatus_to_exitcode(status)
+
+
+def fork_server() -> ServerProcess:
+    """Fork a server off this process, which has one thread and imported what a check needs, of no workspace.
+
+    Its hash seed is not fixed: no node is to run in it.
+    """
+    ours, theirs = socket.socketpair()
+
+    def serve() -> None:
+        ours.close()
+        if not sys.flags.safe_path:
+            del sys.path[0]  # as start_fork_server has it: the folder of the command, or where the user is
+        _Server(theirs).serve()
+
+    with theirs:
+        return ServerProcess(Fork(serve), ours)
 
 
 def main(connection: socket.socket) -> None:
