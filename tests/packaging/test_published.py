@@ -17,7 +17,7 @@ from palp_core.palpation.devices.registry import (
 )
 from palp_core.palpation.identification.emg.files import is_recording, read_emg
 from palp_core.palpation.studies.catalogue import STUDIES, studies, study
-from palp_core.published import published
+from palp_core.published import entries
 from tests.graph.workspaces.installed import forgetting, install
 
 LAB = {
@@ -74,9 +74,9 @@ def lab(tmp_path: Path) -> Iterator[None]:
     install(tmp_path / "site", "gripper-lab", LAB, POINTS)
     with forgetting() as patch:
         patch.syspath_prepend(str(tmp_path / "site"))
-        published.cache_clear()
+        entries.cache_clear()
         yield
-    published.cache_clear()
+    entries.cache_clear()
 
 
 def test_a_device_is_known_by_name() -> None:

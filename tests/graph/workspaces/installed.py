@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.workspaces import underlays
-from palp_core.published import published
+from palp_core.published import entries
 
 
 def install(site: Path, name: str, files: Mapping[str, str], points: Mapping[str, Mapping[str, str]]) -> None:
@@ -53,7 +53,7 @@ def forgetting() -> Iterator[pytest.MonkeyPatch]:
 
 def _forget() -> None:
     underlays.underlays.cache_clear()
-    published.cache_clear()
+    entries.cache_clear()
 
 
 def _is_of_workspace(name: str) -> bool:
