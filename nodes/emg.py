@@ -19,7 +19,6 @@ from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.session.human.blinding import key_of
 from palp_core.units import CountPositive, HertzPositive, Seconds
 
 SUBJECT = "palp_core.palpation.devices.sim.subject:SimSubject"
@@ -66,6 +65,8 @@ class EmgParams(Params):
 
     def _chains(self) -> dict[str, Any]:
         """Return the human chain of the published depth that is nearest to each phantom's, by code."""
+        from palp_core.palpation.session.human.blinding import key_of
+
         key = key_of(self.phantoms, self.key)
         found = sealed_phantoms(key) if self.blind else load_phantoms(self.phantoms)
         depths = {code: one.bead.depth_m for code, one in found.items() if one.bead}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from palp_core.graph.discovery.troubles import Trouble
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.troubles import Trouble
 
 SILENT_S = 1.0
 """A safety node beats a hundred times a second: one that is silent for so long is not to be relied on."""

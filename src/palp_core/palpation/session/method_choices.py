@@ -26,7 +26,6 @@ from palp_core.methods.choice import CHOSEN, DEFAULT
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene, motion_output
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.trial_filter import NAIVE
 
 PUBLISHED: Mapping[str, float] = {
@@ -183,6 +182,8 @@ def of_traces(params: Any) -> dict[str, float]:
 
 def given_by(params: Any) -> Mapping[str, float]:
     """Return what a node's parameters say of the session; what they do not say is as published."""
+    from palp_core.palpation.perception.belief.rig_noise import noise_of
+
     noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
     return {
         **PUBLISHED,

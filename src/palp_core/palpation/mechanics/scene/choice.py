@@ -1,13 +1,18 @@
 """Which rung answers a scene, why, and what it costs: the register's one choice, put to a scene."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from palp_core.errors import MethodError
 from palp_core.methods import MethodChoice, Quantities, choose, find
-from palp_core.palpation.mechanics.contact.model import BesideBead, ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed
+
+if TYPE_CHECKING:
+    from palp_core.palpation.mechanics.contact.model import ContactModel
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,11 @@ def rung_model(rung: str, phantom: Phantom, tip_radius_m: float) -> ContactModel
     """
     model: ContactModel = find("contact", rung).target(phantom, tip_radius_m)
     bead = phantom.bead
-    return model if bead is None or bead.beside_m == 0.0 else BesideBead(model, bead.beside_m)
+    if bead is None or bead.beside_m == 0.0:
+        return model
+    from palp_core.palpation.mechanics.contact.model import BesideBead
+
+    return BesideBead(model, bead.beside_m)
 
 
 def contact_model(

@@ -4,12 +4,18 @@ They replace nothing: a run keeps its methods. Thresholds are those that the stu
 finds; each answer comes with the words for the record.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from palp_core.methods import Method, MethodChoice, find
-from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
-from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.mechanics.probe import Probe
+
+if TYPE_CHECKING:
+    from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
+    from palp_core.palpation.mechanics.phantom import Phantom
+    from palp_core.palpation.mechanics.probe import Probe
 
 SMALL_STRAIN_SHARE = 0.5
 """Of the ball's radius and of the gel over the bead; beyond it small strain may be off by a twentieth."""

@@ -1,12 +1,13 @@
 """The touch of a simulated rig: phantoms by code, the probe, and the rung that each phantom needs."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from palp_core.methods import MethodChoice, errors_name
-from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import choose_rung, moved_by, rung_model
@@ -14,6 +15,10 @@ from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, StagePath, Tolerance
+
+if TYPE_CHECKING:
+    from palp_core.palpation.mechanics.contact.model import ContactModel
+    from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 
 
 @dataclass(frozen=True)

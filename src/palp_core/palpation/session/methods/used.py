@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.messages.builtin import CheaperMethod, MethodUse
 from palp_core.methods import MethodChoice, methods, task
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
-from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.session.method_choices import AUTO, PUBLISHED, chosen_method, what_is_read
 from palp_core.palpation.world.model import PAPER, WorldModel
+
+if TYPE_CHECKING:
+    from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 
 
 def used(
@@ -54,6 +55,8 @@ def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> Method
 
 
 def policy_use(policy: StiffnessPolicy) -> MethodUse:
+    from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
+
     if isinstance(policy, InformationGainLatent) and not policy.model.offset_sd.size:
         return used("policy", "information_gain")  # nothing is known to stay
     return used_of_class("policy", type(policy))
