@@ -142,12 +142,15 @@ ForkedPopen.fork = _WarmProcess().fork
 
 def _import_what_they_need() -> None:
     """Import what the command line and every node of this repository import, but nothing of a workspace."""
+    from palp_core.graph.supervision.class_inspection import import_heavy
+
     for name in COMMANDS:
         importlib.import_module(name)
     for file in (ROOT / "nodes").glob("*.py"):
         for statement in ast.parse(file.read_bytes()).body:
             if isinstance(statement, ast.ImportFrom) and str(statement.module).startswith("palp_core."):
                 importlib.import_module(str(statement.module))
+    import_heavy("scipy")
 
 
 def _serve(channel: socket.socket) -> _Request:

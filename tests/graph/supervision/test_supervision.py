@@ -206,7 +206,7 @@ def test_what_is_heavy_is_imported_where_nodes_run_that_need_it_and_the_server_h
         "False 1",
         "False 1",
         "True 1",
-        "True 1 /scipy/ /scipy/special/",
+        "True 1 /scipy/ /scipy/special/ /scipy/signal/",
     ]
 
 

@@ -28,7 +28,7 @@ HEAVY = frozenset(
     }
 )  # fmt: skip
 """With palp's own modules, of which the rig's nodes share three hundred."""
-OF_SCIPY = tuple(f"scipy.{name}" for name in ("special", "optimize", "interpolate", "linalg", "sparse"))
+OF_SCIPY = tuple(f"scipy.{name}" for name in ("special", "optimize", "interpolate", "linalg", "signal"))
 """What ``import scipy`` alone leaves until a handler names it, and half a second is too late there."""
 INSPECTING = ""
 """Name of an inspecting child."""
