@@ -11,6 +11,7 @@ import ast
 import contextlib
 import ctypes
 import fcntl
+import gc
 import importlib
 import inspect
 import io
@@ -248,6 +249,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tests
     sys.path[:] = [folder for folder in sys.path if folder != str(Path(__file__).parent)]
     _import_what_they_need()
+    gc.freeze()  # no fork looks through all that for garbage
     asked = _serve(socket.socket(fileno=int(sys.argv[1])))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     _run(asked)

@@ -1,5 +1,7 @@
 """``palp``: launch a graph, look at a running one. Every import waits until a verb needs it."""
 
+import atexit
+import gc
 import os
 import sys
 from typing import Annotated
@@ -74,6 +76,7 @@ app = lazy_app(
 
 def main() -> None:
     """Run the command line; palp's own errors are a message and exit status 2, never a traceback."""
+    atexit.register(gc.freeze)  # a last look for garbage would take a tenth of a second
     _open_standard_streams()
     escape_foreign_characters()
     # One BLAS thread, before anything imports numpy: the same bytes on every machine, no fight for cores.
