@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from palp_core import Message
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
@@ -83,6 +84,39 @@ def record(
     for now_ns, raw in frames:
         recorder(now_ns, raw)
     return folder, recorder.close()
+
+
+def foreign_bag(
+    path: Path,
+    messages: Iterable[tuple[str, int, int, int]],
+    encoding: str = "json",
+    notes: dict[str, str] | None = None,
+    schema: bytes = b'{"type": "object", "properties": {}}',
+    **layout: Any,
+) -> Path:
+    """Write a file of another program.
+
+    Args:
+        path: The file.
+        messages: Topic, publisher, sequence and log time in ns of each, which is empty.
+        encoding: Theirs.
+        notes: Metadata of the file and of every channel.
+        schema: Theirs, as JSON.
+        layout: Options of the package mcap.
+    """
+    payload = {"json": b"{}", "msgpack": b"\x80"}.get(encoding, b"\0\1\0\0")
+    with path.open("wb") as file:
+        writer = Writer(file, **layout)
+        writer.start("", "other")
+        writer.add_metadata("other", notes or {})
+        described = writer.register_schema("S", "jsonschema", schema)
+        channels: dict[tuple[str, int], int] = {}
+        for topic, publisher, sequence, log_ns in messages:
+            if (topic, publisher) not in channels:
+                channels[topic, publisher] = writer.register_channel(topic, encoding, described, notes or {})
+            writer.add_message(channels[topic, publisher], log_ns, payload, log_ns, sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
 
 
 @pytest.fixture

@@ -9,6 +9,8 @@ from typer.testing import CliRunner
 
 from palp_core.cli.bag.bag import app
 from palp_core.errors import BagError
+from palp_core.graph.bag.reader import Bag
+from tests.support.bags import foreign_bag
 
 
 def palp_bag(*arguments: str | Path, status: int = 0) -> str:
@@ -92,6 +94,35 @@ def test_info_shows_what_another_programs_bag_lacks(tmp_path: Path) -> None:
         ("filter {bag} -o {out} -e (", "not a regular expression"),
         ("split {bag} -o {out}", "a split needs a largest size"),
         *(
+            (f"{words}", "/a: palp does not decode 'cdr', only msgpack and JSON; leave the topic out")
+            for words in ("echo {cdr}", *(f"convert {{cdr}} -o {{out}} --to {f}" for f in ("json", "csv")))
+        ),
+        ("convert {cdr} -o {out} --to ros2", "/a: without a schema it cannot become a ROS message"),
+        ("play {cdr}", "no topic /node/port in it that could be played"),
+        ("recover {begun} -o {out}", "no message could be saved: .*begun.mcap: it was not closed"),
+        ("recover {magic} -o {out}", "no message could be saved: .*magic.mcap: it was not closed"),
+        *(
+            (f"{words} -o {{out}}", "it was not closed: its writer .*; save what is intact: palp bag recover")
+            for words in (
+                "filter {open}",
+                "split {open} -d 1",
+                "merge {bag} {open}",
+                "convert {open} --to csv",
+                "convert {open} --to json",
+                "convert {open} --to ros2",
+            )
+        ),
+        *(
+            (f"{words} -o {{out}}", "a chunk is damaged")
+            for words in (
+                "filter {harmed}",
+                "merge {bag} {harmed}",
+                "convert {harmed} --to csv",
+                "convert {harmed} --to json",
+                "convert {harmed} --to ros2",
+            )
+        ),
+        *(
             (f"{words} /torque/blok", "no topic '/torque/blok'; did you mean '/torque/block'")
             for words in ("echo {bag}", "filter {bag} -o {out} -t", "diff {bag} {bag} -t", "play {bag} -t")
         ),
@@ -100,8 +131,28 @@ def test_info_shows_what_another_programs_bag_lacks(tmp_path: Path) -> None:
 def test_mistakes_are_palps_own_errors_and_leave_nothing(
     bag: Path, tmp_path: Path, words: str, expected: str
 ) -> None:
-    out, noise = tmp_path / "out", tmp_path / "noise.mcap"
-    noise.write_bytes(b"no bag at all" * 20)
+    files = {name: tmp_path / f"{name}.mcap" for name in ("noise", "cdr", "begun", "magic", "open", "harmed")}
+    data = (bag / "run_0.mcap").read_bytes()
+    with Bag(bag) as opened:
+        _, second, *_, last = opened.files[0].chunks
+    files["noise"].write_bytes(b"no bag at all" * 20)
+    foreign_bag(files["cdr"], [("/a", 1, 1, 0)], encoding="cdr")
+    files["begun"].write_bytes(data[: data.index(b"\x09", 8 + 9 + 8)])  # before the attachment
+    files["magic"].write_bytes(data[:8])
+    files["open"].write_bytes(data[: last.offset])
+    files["harmed"].write_bytes(data[: second.offset + 60] + b"harm" + data[second.offset + 64 :])
     with pytest.raises(BagError, match=expected):
-        palp_bag(*(word.format(bag=bag, out=out, noise=noise) for word in words.split()))
-    assert not out.exists()
+        palp_bag(*(word.format(bag=bag, out=tmp_path / "out", **files) for word in words.split()))
+    assert {path.name for path in tmp_path.iterdir()} == {"run", *(path.name for path in files.values())}
+
+
+def test_what_is_recovered_of_a_bag_that_lacks_something_lacks_it_still(bag: Path, tmp_path: Path) -> None:
+    path, data = tmp_path / "open.mcap", (bag / "run_0.mcap").read_bytes()
+    with Bag(bag) as opened:
+        path.write_bytes(data[: opened.files[0].chunks[-1].offset])
+    assert "0 damaged bytes\nopen.mcap: it was not closed" in palp_bag(
+        "recover", path, "-o", tmp_path / "once", status=1
+    )
+    assert "open.mcap" not in palp_bag("recover", tmp_path / "once", "-o", tmp_path / "twice", status=1)
+    for name in ("once", "twice"):
+        assert palp_bag("info", tmp_path / name, status=1).endswith("NOT complete\n")

@@ -1,18 +1,25 @@
 """Whatever happens to a bag's bytes: no crash, no silent wrong value, everything intact is saved."""
 
+import os
+import re
 import signal
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.records import McapRecord, Message
 
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.edit import rewrite
+from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.info import bag_info
+from palp_core.graph.bag.mcap.records import MAGIC, Channel, DataEnd, Footer, Header, Op, pack
 from palp_core.graph.bag.metadata import in_order
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recover import recover
@@ -164,6 +171,144 @@ def test_a_crc_of_0_is_a_crc_in_a_bag_of_ours_and_none_in_anothers(tmp_path: Pat
     assert "they may be wrong" in report.text()
 
 
+def place_of(data: bytes, op: Op, number: int = 0) -> int:
+    """Return where the record of a kind begins: the first, the second (1) ..., in a file or after it."""
+    places, offset = [], len(MAGIC)
+    while offset < len(data) - len(MAGIC):
+        places.append((data[offset], offset))
+        offset += 9 + int.from_bytes(data[offset + 1 : offset + 9], "little")
+    return [place for found, place in places if found == op][number]
+
+
+def put(data: bytes, op: Op, shift: int, new: bytes, number: int = 0) -> bytes:
+    """Replace bytes of a record; ``shift`` counts from its beginning."""
+    begin = place_of(data, op, number) + shift
+    return data[:begin] + new + data[begin + len(new) :]
+
+
+def cut(data: bytes, op: Op, shift: int = 0) -> bytes:
+    return data[: place_of(data, op) + shift]
+
+
+def longer_in_its_index(data: bytes) -> bytes:
+    """Let the entry of a chunk, in a summary whose CRC matches, claim a length beyond the file."""
+    data = put(data, Op.CHUNK_INDEX, 9 + 24, (1 << 62).to_bytes(8, "little"))
+    crc = zlib.crc32(data[place_of(data, Op.DATA_END) + 13 : -12])
+    return data[:-12] + crc.to_bytes(4, "little") + data[-8:]
+
+
+def with_two_definitions(_: bytes) -> bytes:
+    """A file of another program in which a channel's encoding changes on its way."""
+    one, two = (Channel(1, "/a", name, {}, 0) for name in ("json", "cdr"))
+    parts: list[McapRecord] = [Header("", "other"), one, Message(1, 0, b"{}", 0, 1), two, DataEnd(0)]
+    return MAGIC + b"".join(map(pack, [*parts, Footer(0, 0, 0)])) + MAGIC
+
+
+Harm = Callable[[bytes], bytes]
+OPEN = "it was not closed: its writer ended without warning"
+DAMAGES: list[tuple[Harm, bool, tuple[str, ...]]] = [
+    (lambda data: b"", True, ("not an MCAP file|it is empty",)),
+    (lambda data: b"x" + data[1:], True, ("not an MCAP file",)),
+    (lambda data: cut(data, Op.CHUNK), True, (OPEN,)),
+    (lambda data: cut(data, Op.DATA_END), True, (OPEN,)),
+    (lambda data: cut(data, Op.CHUNK, 20), True, ("the file ends amid a record",)),
+    (lambda data: cut(data, Op.DATA_END, 5), True, ("the file ends amid a record",)),
+    (lambda data: cut(data, Op.FOOTER), False, ("the summary is missing, or something follows it",)),
+    (lambda data: data + b"more", True, ("the summary is missing, or something follows it",)),
+    (lambda data: put(data, Op.STATISTICS, 9, b"~"), False,
+     ("the summary is damaged: its CRC does not match",)),
+    (lambda data: put(data, Op.FOOTER, 14, b"~"), False,
+     ("the summary is damaged: its footer points outside",)),
+    (lambda data: put(data, Op.CHUNK, 0, b"~"), True, ("a chunk is damaged: record 126 is not a chunk",)),
+    (lambda data: put(data, Op.CHUNK, 9, b"~"), True, ("it is not the chunk that the summary describes",)),
+    (with_two_definitions, True, ("two definitions of channel 1",)),
+    (longer_in_its_index, True, ("it is not the chunk that the summary describes",)),
+    (lambda data: put(data, Op.CHUNK, 1, b"~"), True,
+     ("a chunk is damaged: its lengths contradict each other",)),
+    (lambda data: put(data, Op.CHUNK, 33, b"~"), True, ("a chunk is damaged: the CRC does not match",)),
+    (lambda data: put(data, Op.CHUNK, 90, b"~~~~"), True, ("a chunk is damaged: zstd cannot decompress it",)),
+    (lambda data: put(data, Op.ATTACHMENT, 50, b"~"), True, ("attachment 'launch.yaml': the CRC does not",)),
+    (lambda data: put(cut(data, Op.FOOTER), Op.CHUNK, 0, b"~"), True, ("no record begins here",)),
+    (lambda data: put(cut(data, Op.FOOTER), Op.MESSAGE_INDEX, 11, b"~"), False,
+     ("a message index is damaged",)),
+    (lambda data: put(cut(data, Op.FOOTER), Op.CHUNK, 41, b"brot"), True,
+     ("the summary is missing", "a chunk is damaged: unknown compression 'brot'")),
+    (lambda data: put(cut(data, Op.FOOTER), Op.CHUNK, 29, b"~"), True,
+     ("the summary is missing", "a chunk is damaged: a chunk of [0-9]+ bytes is not plausible")),
+]  # fmt: skip
+"""What is done to a bag, whether a part of its content is lost, and what is reported."""
+
+
+@pytest.mark.parametrize("place", range(len(DAMAGES)))
+def test_each_damage_is_reported_once_with_its_reason_and_what_is_lost_is_known(
+    bag: Path, tmp_path: Path, place: int
+) -> None:
+    harm, lost, expected = DAMAGES[place]
+    path = tmp_path / "harmed.mcap"
+    path.write_bytes(harm((bag / "run_0.mcap").read_bytes()))
+    before = path.read_bytes()
+    try:
+        problems = bag_info(path).problems
+    except BagError as error:
+        problems = [str(error)]
+    assert len(problems) == len(expected)
+    try:
+        report = recover(path, tmp_path / "saved")
+        saved = report.problems
+        assert report.complete == bag_info(tmp_path / "saved").complete == (not lost)
+    except BagError as error:
+        saved = [str(error)]
+        assert lost
+        assert not (tmp_path / "saved").exists()
+    for reason, shown in zip(expected, problems, strict=True):
+        assert re.search(reason, shown)
+        assert any(re.search(reason, one) for one in saved)
+    assert path.read_bytes() == before
+
+
+def test_damages_at_the_same_place_of_two_files_are_two(bag: Path, tmp_path: Path) -> None:
+    rewrite([bag], tmp_path / "parts", max_duration_ns=100_000_000)
+    first, second = in_order(tmp_path / "parts")
+    data = first.read_bytes()
+    first.write_bytes(put(data, Op.CHUNK, 33, b"~"))
+    second.write_bytes(put(cut(data, Op.FOOTER), Op.CHUNK, 0, b"~"))
+    at = place_of(data, Op.CHUNK)
+    assert [re.findall(rf"at byte {at}( of|:)", problem) for problem in bag_info(first.parent).problems] == [
+        [" of"], [":"],
+    ]  # fmt: skip
+
+
+def _killed_as_it_names_a_file(work: Callable[[], object]) -> None:
+    sys.addaudithook(lambda event, _: os.kill(os.getpid(), signal.SIGKILL) if event == "os.rename" else None)
+    work()
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        recover,
+        lambda bag, out: rewrite([bag], out),
+        lambda bag, out: rewrite([bag], out, max_duration_ns=50_000_000),
+        lambda bag, out: convert(bag, out, "json"),
+        lambda bag, out: convert(bag, out, "csv"),
+        lambda bag, out: convert(bag, out, "ros2"),
+    ],
+)
+def test_after_kill_9_no_part_of_a_copy_has_its_name_and_the_next_is_whole(
+    bag: Path, tmp_path: Path, work: Callable[[Path, Path], object]
+) -> None:
+    before = {path: path.read_bytes() for path in bag.iterdir()}
+    out = tmp_path / "copies" / "copy"
+    process = get_context("fork").Process(target=_killed_as_it_names_a_file, args=(lambda: work(bag, out),))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    assert not out.exists()
+    work(bag, out)
+    assert out.exists()
+    assert {path: path.read_bytes() for path in bag.iterdir()} == before
+
+
 def test_an_unclosed_file_reads_to_its_end_and_says_so(tmp_path: Path, bag: Path) -> None:
     with Bag(bag) as opened:
         chunks = opened.files[0].chunks
@@ -257,3 +402,7 @@ def test_files_that_have_each_others_names_are_a_problem(tmp_path: Path, bag: Pa
         f"{first.name}: it is {second.name} by metadata.yaml; rename it",
         f"{second.name}: it is {first.name} by metadata.yaml; rename it",
     ]
+    report = recover(tmp_path / "parts", tmp_path / "saved")
+    assert (report.complete, report.problems) == (False, found.problems)
+    with pytest.raises(BagError, match=f"{first.name}: it is {second.name} by metadata.yaml; rename it"):
+        rewrite([tmp_path / "parts"], tmp_path / "copy")

@@ -9,14 +9,17 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
 from palp_core.errors import BagError
+from palp_core.graph.bag.edit import rewrite
+from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.mcap.chunk import RawMessage
-from palp_core.graph.bag.mcap.file_reader import ChunkPlace
+from palp_core.graph.bag.mcap.file_reader import ChunkPlace, FileReader
 from palp_core.graph.bag.mcap.records import MAGIC, MESSAGE_BYTES
 from palp_core.graph.bag.reader import Bag, read, to_numpy
 from palp_core.graph.bag.recover import recover
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
+from tests.support.bags import foreign_bag
 
 
 def test_values_are_the_messages_without_their_classes(bag: Path, kit: Any) -> None:
@@ -148,6 +151,9 @@ def test_whatever_the_layout_of_anothers_file_every_message_is_read_and_saved(
     assert found.healthy == found.complete == ("no summary" not in layout)
     assert found.attachments == ["a.txt"]
     assert [m.value["i"] for m in read(path, ["/t10"], start_ns=3 * 10**8)] == list(range(30, 50))
+    if found.healthy:
+        with pytest.raises(BagError, match="no topic /t1; it has: /t0, /t10"):
+            list(read(path, ["/t1"]))
     report = recover(path, tmp_path / "saved")
     assert report.message_count == {"/t0": 10, "/t10": 40}
     assert report.unverified_count == (50 if layout == "no CRCs" or "no chunks" in layout else 0)
@@ -233,6 +239,87 @@ def test_a_clock_that_goes_back_is_reported(
     assert topics["/a"].backward_count == count
     assert topics["/a"].backward_s == pytest.approx(back_s)
     assert topics["/b"].backward_count == 0
+
+
+S = 10**9
+LATE = 1 << 63  # beyond what a signed number holds
+
+
+@pytest.mark.parametrize(
+    ("messages", "count", "repeated", "lost", "back"),
+    [
+        ([("/a", p, i, i) for i in (1, 2, 3) for p in (1, 2)], 6, 0, 0, (0, 0)),
+        ([("/a", 1, i, i) for i in (1, 3)] + [("/a", 2, i, i) for i in (5, 9, 9)], 4, 1, 4, (0, 0)),
+        ([("/a", 1, i, i) for i in (1, 3)] + [("/a", 2, 0, i) for i in (4, 5, 6)], 5, 0, 1, (0, 0)),
+        ([("/a", 1, 1, 0), ("/b", 1, 1, 5 * S), ("/a", 1, 2, 4 * S)], 3, 0, 0, (0, 0)),
+        ([("/a", 1, 1, 0), ("/b", 1, 1, 5 * S), ("/a", 1, 2, 4 * S - 1)], 3, 0, 0, (1, S + 1)),
+        (
+            [("/a", 1, 1, 9 * S), ("/b", 1, 1, 0), ("/c", 1, 1, 9 * S), ("/d", 1, 1, 5 * S)],
+            4,
+            0,
+            0,
+            (2, 9 * S),
+        ),
+        ([("/a", 1, i, LATE + i * S) for i in (1, 2, 4)], 3, 0, 1, (0, 0)),
+    ],
+)
+@pytest.mark.parametrize("layout", [{}, {"use_chunking": False, "enable_crcs": False}])
+def test_what_another_program_recorded_is_accounted_for_and_kept_in_a_copy(
+    messages: list[tuple[str, int, int, int]],
+    count: int,
+    repeated: int,
+    lost: int,
+    back: tuple[int, int],
+    layout: dict[str, Any],
+    tmp_path: Path,
+) -> None:
+    notes = {"offered_qos_profiles": "- depth: 1", "epoch": "-1", "latched_depth": "9" * 5000, "x": "é"}
+    path = foreign_bag(tmp_path / "other.mcap", messages, notes=notes, **layout)
+    rewrite([path], tmp_path / "copy")
+    assert recover(path, tmp_path / "saved").complete == (lost == 0)
+    for bag in (path, tmp_path / "copy", tmp_path / "saved"):
+        found = bag_info(bag)
+        assert (found.problems, len(found.files)) == ([], 1)
+        assert found.message_count == count
+        assert sum(topic.repeated for topic in found.topics.values()) == repeated
+        assert sum(topic.lost for topic in found.topics.values()) == lost
+        assert (found.backward_count, found.backward_s) == (back[0], back[1] / S)
+        assert found.start_s == min(message[3] for message in messages) / 1e9
+        with Bag(bag) as opened:
+            assert opened.metadata() == {"other": notes}
+            assert [m.log_ns for m in opened.recorded()] == [message[3] for message in messages]
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [b"[]", b"nope", b"{}"]
+    + [b'{"type": "object", "properties": %s, "items": true}' % odd for odd in (b"[1]", b'{"x": true}')],
+)
+def test_a_schema_of_another_form_is_kept_and_decodes_to_what_is_there(schema: bytes, tmp_path: Path) -> None:
+    path = foreign_bag(tmp_path / "other.mcap", [("/a", 1, 1, 0)], schema=schema)
+    assert rewrite([path], tmp_path / "copy") == convert(path, tmp_path / "json", "json") == 1
+    assert [message.value for message in read(tmp_path / "json")] == [{}]
+    with Bag(path) as old, Bag(tmp_path / "copy") as new:
+        (one,), (two,) = old.streams(), new.streams()
+        assert (one.foreign_schema, one.topic) == (two.foreign_schema, two.topic)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_chunk_is_read_once_where_no_summary_tells_what_is_in_it(
+    layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, offsets, read_at = foreign_file(tmp_path / "other.mcap", layout), [], FileReader._read_at
+
+    def spy(self: FileReader, offset: int, size: int) -> bytes:
+        offsets.append((offset, size))
+        return read_at(self, offset, size)
+
+    monkeypatch.setattr(FileReader, "_read_at", spy)
+    bag_info(path)
+    with Bag(path) as opened:
+        for place in opened.files[0].chunks:
+            if not (place.bare or place.entry):
+                assert offsets.count((place.offset, place.length)) == 1
 
 
 def test_memory_stays_flat(tmp_path: Path, kit: Any) -> None:

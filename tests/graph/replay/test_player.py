@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palp_core import Message
-from palp_core.errors import BagError
+from palp_core.errors import BagError, NodeError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.rounds import Rounds
 from palp_core.graph.clock import SimClock
@@ -22,7 +22,8 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.replay.player import Player, playable, recorded_class, span_ns
-from tests.support.bags import Block
+from tests.graph.bag.test_reader import LAYOUTS
+from tests.support.bags import Block, foreign_bag
 
 ROOT = Path(__file__).parents[3]
 
@@ -74,7 +75,7 @@ def test_a_class_from_the_schema_is_the_recorded_type() -> None:
 def test_a_schema_that_is_not_the_recorded_types_is_refused(kit: Any) -> None:
     with pytest.raises(BagError, match=r"type hash .* recorded was 0000000000000001"):
         recorded_class(described(kit.Block, f"{1:016x}"))
-    with pytest.raises(BagError, match="no palp schema"):
+    with pytest.raises(BagError, match="have no palp schema"):
         recorded_class(Topic(name="/a/b"))
     with pytest.raises(BagError, match="is not a palp message's"):
         recorded_class(Topic(name="/a/b", json_schema={"type": "object", "properties": {"x": {}}}))
@@ -170,8 +171,43 @@ def test_a_file_that_was_never_closed_is_to_be_mended_first(bag: Path, tmp_path:
     with Bag(torn) as opened:
         assert opened.files[0].statistics is None
         assert span_ns(opened) == whole
-        with pytest.raises(BagError, match=r"torn\.mcap was never closed; repair it first: palp bag recover"):
+        with pytest.raises(BagError, match=r"torn\.mcap: it was not closed: .*: palp bag recover"):
             playable(opened)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_bag_of_any_layout_plays_to_its_last_message(layout: str, tmp_path: Path) -> None:
+    found = [("/n/a", 1, i + 1, i * 1_000_000) for i in range(50)]
+    options: dict[str, Any] = {"notes": {"latched_depth": "9999999"}, "chunk_size": 200, **LAYOUTS[layout]}
+    path = foreign_bag(tmp_path / "other.mcap", found, "msgpack", **options)
+    sent = drive(NodeSpec(name="n", run="", params={"bag": str(path)}))
+    assert [(now_ns, bytes(frame.payload)) for now_ns, frame in sent] == [
+        (log_ns, b"\x80") for *_, log_ns in found
+    ]
+    with Bag(path) as opened:
+        assert span_ns(opened) == (0, 49_000_000)
+
+
+def test_what_cannot_be_played_is_refused_without_a_trace(
+    bag: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = foreign_bag(tmp_path / "other.mcap", [("/n/a", 1, 1, 0)], "json")
+    with pytest.raises(BagError, match="/n/a cannot be played: its messages are not msgpack"):
+        Player.shaped("n", {"bag": str(path)})
+    (file,) = bag.glob("*.mcap")
+    data = bytearray(file.read_bytes())
+    with Bag(bag) as opened:
+        data[opened.files[0].chunks[3].offset + 90] ^= 1
+    file.write_bytes(data)
+    clock, spec = SimClock(), NodeSpec(name="torque", run="", params={"bag": str(bag)})
+    executor = Executor(Player, spec, clock, lambda _: None)
+    executor.transition(Transition.CONFIGURE)
+    executor.transition(Transition.ACTIVATE)
+    clock.set(1_000_000_000)
+    with pytest.raises(NodeError, match="a chunk is damaged"):
+        executor.run_timers()
+    executor.node.on_shutdown()
+    assert [record.exc_info for record in caplog.records if "is damaged" in record.getMessage()] == [None]
 
 
 def test_rounds_put_an_answer_after_its_cause_and_keep_company_together() -> None:

@@ -155,7 +155,7 @@ def test_a_recorder_that_is_killed_does_not_end_the_graph_and_its_bag_replays(
     assert graph.returncode == 1
     assert "palp bag recover" in out + errors
     saved = palp.run("bag", "recover", bag, "-o", tmp_path / "saved")
-    assert saved.returncode == 0, saved.stderr
+    assert saved.returncode == 1, saved.stderr  # what the recorder had not written
     for node in replayed(palp, tmp_path / "saved", "source,relay,sink"):
         assert node["consumed"] > 100
         assert node["divergence"] is None

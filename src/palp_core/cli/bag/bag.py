@@ -174,8 +174,8 @@ def convert_bag(
         from palp_core.graph.ros2.message_types import known_types
         from palp_core.graph.ros2.plan import outlets_of
 
-        with writing(bag, out):
-            count = write(bag, out, outlets_of(types, bag), known_types())
+        with writing(out) as folder:
+            count = write(bag, folder, outlets_of(types, bag), known_types())
     else:
         assert to is not None
         count = convert(bag, out, to)
@@ -204,11 +204,16 @@ def recover(
     compression: CompressionOption = "zstd",
     as_json: JsonOption = False,
 ) -> None:
-    """Save everything intact of a damaged bag into a new one."""
+    """Save everything intact of a damaged bag into a new one.
+
+    Status 1: something is missing.
+    """
     from palp_core.graph.bag.recover import recover as save
 
     report = save(bag, out, compression)
     show(report, [report.text()], as_json=as_json)
+    if not report.complete:
+        raise typer.Exit(1)
 
 
 @app.command("filter")

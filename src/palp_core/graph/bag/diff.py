@@ -55,10 +55,7 @@ def diff_bags(
 
     with Bag(a) as one, Bag(b) as two:
         if topics is None:
-            names: set[str] = set()
-            for bag in (one, two):
-                names |= set(bag.topics()) if all(f.closed for f in bag.files) else _walk_topics(bag)
-            topics = names
+            topics = {*one.topics(), *two.topics()}
         found = {}
         for topic in sorted(topics):
             diff = found[topic] = TopicDiff()
@@ -69,11 +66,6 @@ def diff_bags(
                 if diff.first is None:
                     diff.first = _compare(place, x, y, diff, close, ignore, decoders)
         return found
-
-
-def _walk_topics(bag: Bag) -> set[str]:
-    """Return the topics of a bag whose definitions must be looked for."""
-    return {message.stream.topic.name for message in bag.recorded()}
 
 
 def _compare(

@@ -9,7 +9,7 @@ from palp_core.graph.bag.mcap.chunk import Compression
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.bag.writer import BagWriter, whole_folder
 
 
 def rewrite(
@@ -31,9 +31,10 @@ def rewrite(
     """
     whole = len(bags) == 1 and select is None and start_ns is None and end_ns is None
     with contextlib.ExitStack() as stack:
-        opened = [stack.enter_context(Bag(bag)) for bag in bags]
+        opened = [stack.enter_context(Bag(bag).whole()) for bag in bags]
+        folder = stack.enter_context(whole_folder(out))
         writer = stack.enter_context(
-            BagWriter(out, compression=compression, max_bytes=max_bytes, max_duration_ns=max_duration_ns)
+            BagWriter(folder, compression=compression, max_bytes=max_bytes, max_duration_ns=max_duration_ns)
         )
         taken: dict[str, bytes] = {}
         for bag in opened:

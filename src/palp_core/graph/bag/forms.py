@@ -3,7 +3,6 @@
 import contextlib
 import csv
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from itertools import starmap
 from pathlib import Path
 from typing import Any, Literal
@@ -16,8 +15,8 @@ from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.edit import copy_messages
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.messages.schema_reader import fields_of, is_array
+from palp_core.graph.bag.writer import BagWriter, whole_folder
+from palp_core.graph.messages.schema_reader import fields_of, is_array, items_of
 from palp_core.graph.messages.schema_types import plain
 
 HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
@@ -32,13 +31,15 @@ def convert(bag: str | Path, out: str | Path, form: Form) -> int:
     writers: dict[Form, Callable[[str | Path, str | Path], int]] = {
         "ros2": export_bag.write, "json": write_json, "csv": write_csv, "parquet": write_parquet,
     }  # fmt: skip
-    with writing(bag, out):
-        return writers[form](bag, out)
+    with writing(out) as folder:
+        return writers[form](bag, folder)
 
 
-def writing(bag: str | Path, out: str | Path) -> AbstractContextManager[object]:
-    """Turn what goes wrong as a bag is written in another form into a BagError."""
-    return catch_foreign(f"{out} cannot be written", BagError, f"it lacks a part of {bag}: remove it")
+@contextlib.contextmanager
+def writing(out: str | Path) -> Iterator[Path]:
+    """Give the path at which to write another form; what goes wrong becomes a BagError and leaves nothing."""
+    with catch_foreign(f"{out} cannot be written", BagError), whole_folder(out) as folder:
+        yield folder
 
 
 def write_json(bag: str | Path, out: str | Path) -> int:
@@ -55,7 +56,7 @@ def write_json(bag: str | Path, out: str | Path) -> int:
             streams[id(stream)] = msgspec.structs.replace(stream, topic=topic, encoding="json")
         return message._replace(stream=streams[id(stream)], payload=msgspec.json.encode(plain(value)))
 
-    with Bag(bag) as opened, BagWriter(out) as writer:
+    with Bag(bag).whole() as opened, BagWriter(out) as writer:
         for name, data in opened.attachments().items():
             writer.attach(name, data)
         return copy_messages(starmap(as_json, opened.decoded()), writer)
@@ -70,7 +71,7 @@ def json_form(schema: dict[str, Any]) -> dict[str, Any]:
     if fields := fields_of(schema):
         changed["properties"] = {name: json_form(inner) for name, inner in fields.items()}
     if "items" in schema:
-        changed["items"] = json_form(schema["items"])
+        changed["items"] = json_form(items_of(schema))
     return changed
 
 
@@ -79,10 +80,10 @@ def write_csv(bag: str | Path, out: str | Path) -> int:
 
     Numbers are written so that they read back as they were.
     """
-    folder = _new_folder(out)
+    (folder := Path(out)).mkdir()
     tables: dict[str, Any] = {}
     count = 0
-    with Bag(bag) as opened, contextlib.ExitStack() as stack:
+    with Bag(bag).whole() as opened, contextlib.ExitStack() as stack:
         for topic, row in _rows(opened):
             table = tables.get(topic)
             if table is None:
@@ -114,7 +115,7 @@ def write_parquet(bag: str | Path, out: str | Path) -> int:
         import pyarrow.parquet as pq
     except ImportError as error:
         raise BagError(f"Parquet needs pyarrow; type: {install_line('parquet')}") from error
-    folder = _new_folder(out)
+    (folder := Path(out)).mkdir()
     tables: dict[str, Any] = {}
     waiting: dict[str, list[dict[str, Any]]] = {}
 
@@ -126,7 +127,7 @@ def write_parquet(bag: str | Path, out: str | Path) -> int:
         tables[topic].write_table(table)
 
     count = 0
-    with Bag(bag) as opened, contextlib.ExitStack() as stack:
+    with Bag(bag).whole() as opened, contextlib.ExitStack() as stack:
         for topic, row in _rows(opened):
             waiting.setdefault(topic, []).append(row)
             count += 1
@@ -135,15 +136,6 @@ def write_parquet(bag: str | Path, out: str | Path) -> int:
         for topic in list(waiting):
             flush(topic)
     return count
-
-
-def _new_folder(out: str | Path) -> Path:
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError as error:
-        raise BagError(f"{folder} exists already: choose another name") from error
-    return folder
 
 
 def _table_name(topic: str) -> str:

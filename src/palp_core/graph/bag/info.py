@@ -130,7 +130,7 @@ def bag_info(path: str | Path) -> BagInfo:
         tallies, start_ns, end_ns, backward = _tally(bag, problems)
         attachments = _attachments(bag, problems)
         files, size_bytes = [file.path.name for file in bag.files], sum(file.size for file in bag.files)
-    recording = _json(attachments, SUMMARY_NAME, RecordingSummary)
+    recording = attached(attachments, SUMMARY_NAME, RecordingSummary)
     noted = recording.topics if recording is not None else {}
     topics = {name: tally.report(noted.get(name)) for name, tally in sorted(tallies.items())}
     problems += [
@@ -138,8 +138,6 @@ def bag_info(path: str | Path) -> BagInfo:
         for name, topic in noted.items()
         if topic.lost and name not in topics
     ]
-    saved = _json(attachments, RECOVERED_NAME, dict[str, Any]) or {}
-    whole = (recording is None or recording.complete) and saved.get("complete", True)
     return BagInfo(
         path=str(path),
         files=files,
@@ -150,13 +148,22 @@ def bag_info(path: str | Path) -> BagInfo:
         backward_count=backward[0],
         backward_s=backward[1] / 1e9,
         topics=topics,
-        complete=whole and not problems and not any(topic.lost for topic in topics.values()),
+        complete=noted_complete(attachments)
+        and not problems
+        and not any(topic.lost for topic in topics.values()),
         healthy=not problems,
         accounted=recording is not None,
         problems=problems,
-        versions=_json(attachments, VERSIONS_NAME, dict[str, str]) or {},
+        versions=attached(attachments, VERSIONS_NAME, dict[str, str]) or {},
         attachments=sorted(attachments),
     )
+
+
+def noted_complete(attachments: dict[str, bytes]) -> bool:
+    """Whether neither the recorder nor a recovery has noted that something is missing."""
+    recording = attached(attachments, SUMMARY_NAME, RecordingSummary)
+    saved = attached(attachments, RECOVERED_NAME, dict[str, Any]) or {}
+    return (recording is None or recording.complete) and saved.get("complete", True) is True
 
 
 def _tally(bag: Bag, problems: list[str]) -> tuple[dict[str, _TopicTally], int, int, list[int]]:
@@ -176,7 +183,7 @@ def _tally(bag: Bag, problems: list[str]) -> tuple[dict[str, _TopicTally], int, 
             start_ns = message.log_ns if start_ns is None else min(start_ns, message.log_ns)
             end_ns = message.log_ns if end_ns is None else max(end_ns, message.log_ns)
     except BagDamaged as error:
-        if not any(f"at byte {error.offset} of" in problem for problem in problems):  # opening it showed it
+        if not any(file.damage is error for file in bag.files):  # opening it showed that one
             problems.append(str(error))
     for name, topic in bag.topics().items():
         tallies.setdefault(name, _TopicTally(topic))
@@ -194,7 +201,7 @@ def _attachments(bag: Bag, problems: list[str]) -> dict[str, bytes]:
     return attachments
 
 
-def _json(attachments: dict[str, bytes], name: str, kind: type[T]) -> T | None:
+def attached(attachments: dict[str, bytes], name: str, kind: type[T]) -> T | None:
     """Return an attachment, decoded; None where there is none or another tool wrote it."""
     try:
         return msgspec.json.decode(attachments[name], type=kind)

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -87,10 +87,25 @@ class Bag(AbstractContextManager["Bag"]):
         for file in self.files:
             file.close()
 
+    def whole(self) -> Self:
+        """Return the bag, or raise a BagError, so that what is made of it lacks nothing unnoticed."""
+        if problems := self.problems:
+            self.close()
+            raise BagError(f"{self.path}: {problems[0]}; save what is intact: palp bag recover BAG -o NEW")
+        return self
+
     @property
     def problems(self) -> list[str]:
         """What is wrong with the bag, as far as opening it shows."""
-        found = [f"{file.path.name}: {problem}" for file in self.files for problem in file.problems]
+        return [
+            *(f"{file.path.name}: {problem}" for file in self.files for problem in file.problems),
+            *self.misnamed,
+        ]
+
+    @property
+    def misnamed(self) -> list[str]:
+        """Which files have the names of others by ``metadata.yaml``, so that their order is wrong."""
+        found = []
         spans = named_files(self.path) if len(self.files) > 1 else {}
         for file in self.files:
             if file.statistics is not None:
@@ -100,14 +115,15 @@ class Bag(AbstractContextManager["Bag"]):
                     found.append(f"{file.path.name}: it is {others[0]} by metadata.yaml; rename it")
         return found
 
-    def topics(self) -> dict[str, Topic]:
-        """Return the topics by name; of an unclosed file, those of the chunks read so far."""
-        found = {}
+    def streams(self) -> Iterator[Stream]:
+        """Iterate the streams, file by file; of a damaged file, those of its intact chunks."""
         for place, file in enumerate(self.files):
-            for channel in sorted(file.channels):
-                topic = self.stream(place, channel).topic
-                found[topic.name] = topic
-        return dict(sorted(found.items()))
+            file.find_definitions()
+            yield from (self.stream(place, channel) for channel in sorted(file.channels))
+
+    def topics(self) -> dict[str, Topic]:
+        """Return the topics by name; of a damaged file, those of its intact chunks."""
+        return dict(sorted({stream.topic.name: stream.topic for stream in self.streams()}.items()))
 
     def stream(self, file: int, channel: int) -> Stream:
         """Return the stream of a channel of a file."""
@@ -158,7 +174,7 @@ class Bag(AbstractContextManager["Bag"]):
                 decode = decoders[id(stream)] = decoder_for(stream)
             try:
                 value = decode(message.payload)
-            except (msgspec.MsgspecError, ValueError) as error:
+            except (msgspec.MsgspecError, ValueError, RecursionError) as error:
                 where = f"{self.path}: {stream.topic.name} epoch {stream.epoch} sequence {message.sequence}"
                 raise BagError(f"{where}: not of its schema: {error}") from error
             yield message, value

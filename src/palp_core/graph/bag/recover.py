@@ -1,6 +1,6 @@
 """Save what is intact of a damaged bag into a new one."""
 
-import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -8,13 +8,15 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import BagError
 from palp_core.graph.bag.account import TopicAccount
+from palp_core.graph.bag.info import noted_complete
 from palp_core.graph.bag.mcap.chunk import Compression, RawMessage
-from palp_core.graph.bag.mcap.records import MAGIC
+from palp_core.graph.bag.mcap.records import Attachment, Metadata
 from palp_core.graph.bag.mcap.salvage import Salvage, salvage
 from palp_core.graph.bag.metadata import bag_files, in_order, missing_files
+from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.recorder import RECOVERED_NAME, SUMMARY_NAME
 from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.bag.writer import BagWriter, whole_folder
 
 
 class RecoverReport(msgspec.Struct, kw_only=True):
@@ -27,7 +29,7 @@ class RecoverReport(msgspec.Struct, kw_only=True):
             last ones), or, of another program, from a chunk without a CRC or outside any chunk.
         unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
-        complete: Nothing was lost, as far as the damaged bag shows.
+        complete: Nothing was lost, as far as the damaged bag shows, and its writer knows.
         problems: What is wrong with each file.
         orphan_count: Messages whose topic is no longer known; they are not saved.
     """
@@ -71,22 +73,18 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
     Nothing is left of the new bag after an error, as where nothing could be saved.
     """
     path = Path(bag)
-    files = [path] if path.is_file() else _files(path)
-    writer = BagWriter(out, compression=compression)
-    try:
-        return _recover(path, files, writer)
-    except BaseException:
-        writer.abandon()
-        shutil.rmtree(out, ignore_errors=True)
-        raise
-
-
-def _recover(bag: Path, files: list[Path], writer: BagWriter) -> RecoverReport:
-    report = RecoverReport(missing_files=missing_files(bag))
-    with writer:
-        saver = _Saver(writer)
+    files = [path] if path.is_file() else in_order(path) or bag_files(path)  # which raises why there is none
+    report = RecoverReport(missing_files=missing_files(path))
+    misnamed: list[str] = []
+    with suppress(BagError), Bag(path) as opened:
+        report.problems += (misnamed := opened.misnamed)
+    with whole_folder(out) as folder, BagWriter(folder, compression=compression) as writer:
+        saver, ended = _Saver(writer), True
+        attachments: dict[str, Attachment] = {}
+        metadata: dict[str, Metadata] = {}
         for file in files:
             found = salvage(file)
+            ended &= found.ended
             name = file.name.encode(errors="replace").decode()
             report.files.append(name)
             report.problems += [f"{name}: {problem}" for problem in found.problems]
@@ -99,22 +97,23 @@ def _recover(bag: Path, files: list[Path], writer: BagWriter) -> RecoverReport:
                 saved = saver.save(found, messages)
                 report.unverified_count += 0 if checked else saved
             report.unverified_count += saver.save(found, found.torn_messages())
-            if file == files[-1]:  # each has what the files before it have
-                for attachment in found.attachments.values():
-                    if attachment.name != SUMMARY_NAME:
-                        writer.attach(attachment.name, attachment.data, attachment.media_type)
-                for metadata in found.metadata.values():
-                    writer.add_metadata(metadata.name, metadata.metadata)
+            attachments |= found.attachments  # of the same name, the latest file's
+            metadata |= found.metadata
+        noted = noted_complete({name: attachment.data for name, attachment in attachments.items()})
+        for attachment in attachments.values():
+            if attachment.name not in (SUMMARY_NAME, RECOVERED_NAME):
+                writer.attach(attachment.name, attachment.data, attachment.media_type)
+        for record in metadata.values():
+            writer.add_metadata(record.name, record.metadata)
         report.orphan_count = saver.orphan_count
         report.gaps = {name: account.lost for name, account in sorted(saver.accounts.items())}
         report.message_count = {name: account.count for name, account in sorted(saver.accounts.items())}
-        report.complete = not (
-            report.missing_files or report.damaged_bytes or report.orphan_count or any(report.gaps.values())
-        )
+        harm = misnamed or report.missing_files or report.damaged_bytes or report.orphan_count
+        report.complete = ended and noted and not (harm or any(report.gaps.values()))
         writer.attach(RECOVERED_NAME, msgspec.json.encode(report), "application/json")
-    bare = all(file.stat().st_size <= len(MAGIC) for file in files)
-    if not report.message_count and (report.damaged_bytes or report.orphan_count or bare):
-        raise BagError("; ".join([f"{bag}: no message could be saved: {report.damage()}", *report.problems]))
+        if not (report.message_count or report.complete):
+            why = "; ".join([report.damage(), *report.problems])
+            raise BagError(f"{path}: no message could be saved: {why}")
     return report
 
 
@@ -159,14 +158,3 @@ def _stream(found: Salvage, channel: int) -> Stream | None:
         return Stream.of(entry, found.schemas[entry.schema_id] if entry.schema_id else None)
     except (KeyError, ValueError):
         return None
-
-
-def _files(folder: Path) -> list[Path]:
-    """Return a folder's files; that ``metadata.yaml`` names more of them is no reason to give up."""
-    try:
-        return bag_files(folder)
-    except BagError:
-        files = in_order(folder)
-        if not files:
-            raise
-        return files

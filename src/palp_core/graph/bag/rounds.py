@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import msgspec
 
+from palp_core.graph.bag.info import attached
 from palp_core.graph.bag.reader import Bag
 
 NODES_ATTACHMENT = "palp/nodes.json"
@@ -38,10 +39,9 @@ class Rounds:
     @classmethod
     def of(cls, bag: Bag) -> Rounds:
         """Return the rounds of a bag; one that was recorded without its graph has one round per instant."""
-        attached = bag.attachments().get(NODES_ATTACHMENT)
-        if attached is None:
+        nodes = attached(bag.attachments(), NODES_ATTACHMENT, list[_RecordedNode])
+        if nodes is None:
             return cls()
-        nodes = msgspec.json.decode(attached, type=list[_RecordedNode])
         reads = {}
         for node in nodes:
             replies = [f"{source}/{node.name}/{port}" for port, source in node.inputs.items()]

@@ -16,6 +16,7 @@ import msgspec
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.mcap.records import Channel, Schema
+from palp_core.graph.messages.qos import POLICIES
 from palp_core.graph.messages.schema_types import payload_decoder
 from palp_core.graph.messages.topic import ANY_SCHEMA, Topic
 
@@ -78,7 +79,7 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
     def of(cls, channel: Channel, schema: Schema | None) -> Stream:
         """Return the stream of a channel's records; what is not of palp's form is another tool's."""
         metadata = channel.metadata
-        numbers = {key: int(text) for key, text in metadata.items() if text.isdecimal() and len(text) < 20}
+        numbers = {key: int(text) for key, text in metadata.items() if text.isdecimal() and len(text) < 11}
         json_schema, foreign = ANY_SCHEMA, b"" if schema is None else schema.data
         if schema is not None and schema.encoding == SCHEMA_ENCODING:
             with suppress(ValueError, RecursionError):
@@ -89,7 +90,7 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             type="" if schema is None else schema.name,
             type_hash=metadata.get("type_hash", ""),
             json_schema=json_schema,
-            latched_depth=numbers.get("latched_depth", 0),
+            latched_depth=min(numbers.get("latched_depth", 0), POLICIES["depth"].most),
         )
         return cls(
             topic=topic,

@@ -1,10 +1,12 @@
 """Write a bag: a folder ``NAME`` with ``NAME_0.mcap``, ``NAME_1.mcap`` ... and ``metadata.yaml``."""
 
+import os
 import shutil
 from collections import deque
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
@@ -19,6 +21,22 @@ from palp_core.graph.messages.topic import Topic
 
 _NEVER = 1 << 64
 MAX_CHANNELS = 0xFFFF
+
+
+@contextmanager
+def whole_folder(out: str | Path) -> Iterator[Path]:
+    """Give the path at which to write a new folder; it takes its name when it is whole, else never."""
+    folder = Path(out)
+    if os.path.lexists(folder):
+        raise BagError(f"{folder} exists already: choose another name")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = TemporaryDirectory(".part", f".{folder.name}.", folder.parent, ignore_cleanup_errors=True)
+    except OSError as error:
+        raise BagError(f"{folder} cannot be made: {error.strerror}") from error
+    with part as made:
+        yield Path(made, folder.name)
+        Path(made, folder.name).rename(folder)
 
 
 class BagWriter(AbstractContextManager["BagWriter"]):
@@ -123,8 +141,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._file.add_metadata(metadata)
         self._extras.append(metadata)
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, error: object, *_: object) -> None:
+        (self.abandon if error else self.close)()
 
     def close(self) -> None:
         """Complete the last file and ``metadata.yaml``; both are on the disk afterwards."""

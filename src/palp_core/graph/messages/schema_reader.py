@@ -65,16 +65,20 @@ def has_elements(schema: JsonSchema) -> bool:
 
 def fields_of(schema: JsonSchema) -> dict[str, dict[str, Any]]:
     """Return the schemas of an object's fields by name, in order; none where the schema has none."""
-    found: dict[str, dict[str, Any]] = schema.get("properties", {})
-    return found
+    found = schema.get("properties")
+    return {name: _schema(one) for name, one in found.items()} if isinstance(found, dict) else {}
 
 
 def items_of(schema: JsonSchema) -> dict[str, Any]:
     """Return the schema of an element of a list or a numeric array; none where the schema has none."""
     if is_array(schema):
         return {"type": "number", **{k: v for k, v in schema.items() if k == "x-unit"}}
-    found: dict[str, Any] = schema.get("items", {})
-    return found
+    return _schema(schema.get("items"))
+
+
+def _schema(found: object) -> dict[str, Any]:
+    """Return a schema within another; one of another form, as ``true``, describes nothing."""
+    return found if isinstance(found, dict) else {}
 
 
 def array_fields(schema: JsonSchema) -> list[str]:

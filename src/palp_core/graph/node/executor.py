@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError, NodeError, SchemaMismatch, in_words
+from palp_core.errors import BagError, GraphError, NodeError, SchemaMismatch, in_words
 from palp_core.graph.clock import Clock
 from palp_core.graph.log_format import ENDING
 from palp_core.graph.messages.builtin import Order
@@ -438,7 +438,7 @@ class Executor:
         """Finalize the node, its safe state reached, and log why, with the trace; return what to raise."""
         if isinstance(error, KeyboardInterrupt):  # it is the user's
             raise error
-        self.log.critical("%s", text, exc_info=error, extra=ENDING)
+        self.log.critical("%s", text, exc_info=None if isinstance(error, BagError) else error, extra=ENDING)
         reason = error if isinstance(error, Exception) else NodeError(self.name, in_words(error))
         self.lifecycle = Lifecycle.FINALIZED
         hooks: list[Callable[[], None]] = [

@@ -9,11 +9,13 @@ message of a bag that was begun later. Its sequences begin at 1.
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 
+import msgspec
 from msgspec import Meta
 
 from palp_core.errors import BagError, GraphError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.rounds import Rounds
+from palp_core.graph.bag.stream import MESSAGE_ENCODING
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
@@ -39,15 +41,12 @@ def playable(bag: Bag) -> dict[str, Topic]:
 
     Orders, events and health are the runtime's, and replies to services belong to who asked.
     """
-    if torn := [file.path.name for file in bag.files if not file.closed]:
-        raise BagError(
-            f"{bag.path}: {torn[0]} was never closed; repair it first: palp bag recover BAG -o NEW"
-        )
+    foreign = {one.topic.name for one in bag.whole().streams() if one.encoding != MESSAGE_ENCODING}
     found = {}
     for name, topic in bag.topics().items():
         parts = name.split("/")
         if len(parts) == 3 and not parts[0] and parts[1] != LAUNCHER and not parts[2].startswith("_"):
-            found[name] = topic
+            found[name] = msgspec.structs.replace(topic, json_schema={}) if name in foreign else topic
     return found
 
 
@@ -93,7 +92,7 @@ def recorded_class(topic: Topic) -> type[Message]:
     where = f"{topic.name} cannot be played"
     if "properties" not in topic.json_schema:
         raise BagError(
-            f"{where}: the bag has no palp schema for it; convert the bag with "
+            f"{where}: its messages are not msgpack, or have no palp schema; convert the bag with "
             "palp bag convert --from ros2 BAG -o NEW, or leave the topic out"
         )
     try:

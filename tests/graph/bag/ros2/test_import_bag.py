@@ -132,6 +132,13 @@ def _spoken(name: str) -> Any:
     return spoil
 
 
+def _with_a_copy(source: Path) -> Path:
+    """Put a file of another storage, which metadata.yaml does not name, into a bag that names none."""
+    (source / "source.db3").write_bytes(b"")
+    changed: Path = _spoken("storage_identifier: ''")(source)
+    return changed
+
+
 def _fast(source: Path) -> Path:
     """Return a bag as ``ros2 bag record --storage-preset-profile fastwrite`` writes it: without chunks."""
     with Reader(source) as bag, (source / "flat").open("wb") as file:
@@ -141,7 +148,8 @@ def _fast(source: Path) -> Path:
         for one in bag.connections:
             schema = flat.register_schema(one.msgtype, "ros2msg", one.msgdef.data.encode())
             channels[one.id] = flat.register_channel(one.topic, "cdr", schema, {"offered_qos_profiles": ""})
-        for one, log_ns, data in bag.messages():
+        (stored,) = bag.storage.storages  # type: ignore[attr-defined]
+        for one, log_ns, data in stored.messages_scan(stored.connections):
             flat.add_message(channels[one.id], log_ns, data, log_ns)
         flat.finish()  # type: ignore[no-untyped-call]
     (source / "flat").replace(source / "source.mcap")
@@ -153,6 +161,8 @@ def _fast(source: Path) -> Path:
     [
         (StoragePlugin.MCAP, _spoken("storage_identifier: ''")),
         (StoragePlugin.SQLITE3, _spoken('storage_identifier: ""')),
+        (StoragePlugin.SQLITE3, _spoken("storage_identifier:")),
+        (StoragePlugin.MCAP, _with_a_copy),
         (StoragePlugin.MCAP, _fast),
         (StoragePlugin.SQLITE3, lambda source: source / "source.db3"),
     ],
@@ -161,6 +171,29 @@ def test_a_rosbag2_of_another_make_is_read(tmp_path: Path, plugin: StoragePlugin
     source = change(recorded(tmp_path / "source", plugin, 4, CompressionMode.NONE))
     assert import_bag(source, tmp_path / "bag") == 12
     assert import_bag(source, tmp_path / "chosen", select=lambda name: name != "/own") == 8
+
+
+@pytest.mark.parametrize(
+    ("plugin", "change"),
+    [
+        (StoragePlugin.MCAP, lambda source: source),
+        (StoragePlugin.MCAP, _fast),
+        (StoragePlugin.SQLITE3, lambda source: source),
+    ],
+)
+def test_messages_stay_in_the_order_of_their_file_where_the_clock_went_back(
+    tmp_path: Path, plugin: StoragePlugin, change: Any
+) -> None:
+    times, kind = [5_000_000_000, 6_000_000_000, 1, 2, 7_000_000_000], "std_msgs/msg/Empty"
+    with Writer(tmp_path / "source", version=9, storage_plugin=plugin) as bag:
+        topics = [bag.add_connection(name, kind, typestore=STORE) for name in ("/a", "/b")]
+        for place, time_ns in enumerate(times):
+            data = STORE.serialize_cdr(T[kind](), kind)
+            bag.write(topics[place % 2], time_ns, data)
+    assert import_bag(change(tmp_path / "source"), tmp_path / "bag") == 5
+    assert [message.log_ns for message in read(tmp_path / "bag")] == times
+    found = bag_info(tmp_path / "bag")
+    assert (found.backward_count, found.backward_s) == (1, 5.999999999)
 
 
 def _cut(source: Path) -> Path:

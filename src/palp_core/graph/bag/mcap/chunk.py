@@ -114,8 +114,9 @@ def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has
     """
     start_ns, end_ns, size, crc, compression, stored = read_chunk_head(data)
     if index is not None:
-        claimed = (start_ns, end_ns, size, compression, len(stored))
-        if claimed != (
+        length = _NUMBERS.size + len(compression) + _SIZE.size + len(stored)
+        if (length, start_ns, end_ns, size, compression, len(stored)) != (
+            index.chunk_length,
             index.message_start_time,
             index.message_end_time,
             index.uncompressed_size,

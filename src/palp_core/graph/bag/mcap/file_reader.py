@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Callable, Container, Iterator
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap import records
@@ -20,6 +20,7 @@ T = TypeVar("T", records.Attachment, records.Metadata)
 _FOOTER_BYTES = records.RECORD_BYTES + 20
 _PEEK_BYTES = records.RECORD_BYTES + 6
 _STRETCH_BYTES = 1 << 20
+PRIVATE = 0x80  # opcodes from here on are for other programs' own records
 
 
 class ChunkPlace(NamedTuple):
@@ -49,15 +50,28 @@ def extend_places(places: list[ChunkPlace], offset: int, length: int) -> None:
         places.append(ChunkPlace(offset, length, bare=True))
 
 
+def take_definition(op: int, content: memoryview, known: Any) -> None:
+    """Add a schema or a channel to those known; a ValueError if it makes no sense or contradicts one."""
+    if op == records.Op.SCHEMA:
+        schema = records.parse(records.Schema, content)
+        if known.schemas.setdefault(schema.id, schema) != schema:
+            raise ValueError(f"two definitions of schema {schema.id}")
+    else:
+        channel = records.parse(records.Channel, content)
+        if known.channels.setdefault(channel.id, channel) != channel:
+            raise ValueError(f"two definitions of channel {channel.id}")
+
+
 class FileReader(AbstractContextManager["FileReader"]):
     """Reads one file.
 
     Attributes:
         closed: Its writer came to its end, as a whole summary shows, or a walk through it to its end.
-        schemas, channels: Definitions known so far; all of them if ``closed``.
+        schemas, channels: Definitions known so far; all of them after `find_definitions`.
         statistics: Counts of the whole file, if ``closed`` and written.
         chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
         problems: What is wrong with the file.
+        damage: Where the walk through it came to an early end.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,7 +84,8 @@ class FileReader(AbstractContextManager["FileReader"]):
         self.problems: list[str] = []
         self._attachments: list[tuple[int, int]] = []
         self._metadata: list[tuple[int, int]] = []
-        self._damage: BagDamaged | None = None
+        self._known_chunks: set[int] = set()
+        self.damage: BagDamaged | None = None
         self._has_summary = True
         try:
             self._file = path.open("rb", buffering=1 << 16)
@@ -90,8 +105,8 @@ class FileReader(AbstractContextManager["FileReader"]):
                 self.schemas, self.channels, self.statistics = {}, {}, None
                 self._walk(len(records.MAGIC), self.size)
                 self.closed = not self.problems
-            if self.closed:
-                self._find_definitions()
+            else:
+                self.find_definitions()
         except BaseException:
             self._file.close()
             raise
@@ -125,8 +140,8 @@ class FileReader(AbstractContextManager["FileReader"]):
             if timed or channels is not None:
                 found = [m for m in found if low <= m[2] < high and (channels is None or m[0] in channels)]
             yield found
-        if self._damage is not None:
-            raise self._damage
+        if self.damage is not None:
+            raise self.damage
 
     def read_chunk(self, place: ChunkPlace) -> list[RawMessage]:
         """Return a chunk's messages, checked.
@@ -136,6 +151,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         """
         try:
             data = self._read_at(place.offset, place.length)
+            self._known_chunks.add(place.offset)
             return split_chunk(place.open(data, has_crc=self._has_crcs), self._define)
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, place.offset, f"a chunk is damaged: {error}") from error
@@ -160,14 +176,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         return self._file.read(min(size, self.size))
 
     def _define(self, op: int, content: memoryview) -> None:
-        if op == records.Op.SCHEMA:
-            schema = records.parse(records.Schema, content)
-            if self.schemas.setdefault(schema.id, schema) != schema:
-                raise ValueError(f"two definitions of schema {schema.id}")
-        else:
-            channel = records.parse(records.Channel, content)
-            if self.channels.setdefault(channel.id, channel) != channel:
-                raise ValueError(f"two definitions of channel {channel.id}")
+        take_definition(op, content, self)
 
     def _parsed(self, parse: Callable[[memoryview], T], offset: int, length: int) -> T:
         try:
@@ -228,8 +237,8 @@ class FileReader(AbstractContextManager["FileReader"]):
         self.chunks.sort(key=lambda place: place.offset)
         return True
 
-    def _find_definitions(self) -> None:
-        """Read chunks until every channel is defined: a summary need not repeat the definitions."""
+    def find_definitions(self) -> None:
+        """Read chunks until every channel is defined; without a summary, all that were not read."""
         wanted = {
             channel for place in self.chunks if place.entry for channel in place.entry.message_index_offsets
         }
@@ -237,7 +246,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             wanted |= self.statistics.channel_message_counts.keys()
         for place in self.chunks:
             listed = place.bare or place.entry or self.statistics
-            if not (listed and wanted <= self.channels.keys()):
+            if not (place.offset in self._known_chunks or (listed and wanted <= self.channels.keys())):
                 with suppress(BagDamaged):  # reading the messages raises it
                     self.read_chunk(place)
 
@@ -251,7 +260,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             size = records.RECORD_BYTES + length
             if (
                 op == 0
-                or op > records.Op.DATA_END
+                or records.Op.DATA_END < op < (0x100 if self._has_crcs else PRIVATE)
                 or (offset == len(records.MAGIC)) != (op == records.Op.HEADER)
                 or (op == records.Op.MESSAGE and self._has_crcs)  # palp writes none outside chunks
             ):
@@ -283,5 +292,5 @@ class FileReader(AbstractContextManager["FileReader"]):
         return None
 
     def _note_damage(self, offset: int, why: str) -> None:
-        self._damage = BagDamaged(self.path, offset, why)
+        self.damage = BagDamaged(self.path, offset, why)
         self.problems.append(f"at byte {offset} of {self.size}: {why}")

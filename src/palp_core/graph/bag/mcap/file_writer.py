@@ -53,10 +53,7 @@ class FileWriter:
         self._index: dict[int, tuple[list[int], list[int]]] = {}
         self._tick_ns: int | None = None
         self._opened_ns: int | None = None
-        try:
-            self._file = path.open("xb", buffering=0)
-        except FileExistsError as error:
-            raise BagError(f"{path} exists already: choose another name") from error
+        self._file = path.open("xb", buffering=0)
         try:
             self._write_bytes(records.MAGIC + records.pack(records.Header("", records.LIBRARY)))
         except OSError:

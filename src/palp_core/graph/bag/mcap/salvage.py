@@ -18,7 +18,7 @@ from palp_core.graph.bag.mcap.chunk import (
     read_chunk_head,
     split_chunk,
 )
-from palp_core.graph.bag.mcap.file_reader import ChunkPlace, FileReader, extend_places
+from palp_core.graph.bag.mcap.file_reader import ChunkPlace, FileReader, extend_places, take_definition
 
 _CHUNK = re.compile(
     rb"\x06.{5}\x00{3}.{28}(?:\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})",
@@ -35,6 +35,7 @@ class Salvage(msgspec.Struct, kw_only=True):
     Attributes:
         chunks: Every chunk whose CRC matches, or that has none, and every stretch of messages outside chunks.
         unchecked: Offsets of those that no CRC covers.
+        ended: Its messages come to an end that its writer wrote.
         torn: Offset of a last chunk that the file's end cuts off and that is not compressed, or -1.
         damaged_chunk_count: Chunks that are not what was written.
         damaged_bytes: Bytes that belong to nothing intact.
@@ -45,6 +46,7 @@ class Salvage(msgspec.Struct, kw_only=True):
     chunks: list[ChunkPlace] = []
     unchecked: set[int] = set()
     has_crcs: bool = False
+    ended: bool = False
     torn: int = -1
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
@@ -60,7 +62,7 @@ class Salvage(msgspec.Struct, kw_only=True):
             for place in self.chunks:
                 file.seek(place.offset)
                 data = place.open(file.read(place.length), has_crc=self.has_crcs)
-                yield split_chunk(data, _ignore), place.offset not in self.unchecked
+                yield split_chunk(data, lambda *_: None), place.offset not in self.unchecked
 
     def torn_messages(self) -> list[RawMessage]:
         """Return the whole messages of the chunk that is cut off; no CRC covers them."""
@@ -75,17 +77,8 @@ class Salvage(msgspec.Struct, kw_only=True):
             return []
 
     def define(self, op: int, content: memoryview) -> None:
-        """Take a definition; the first of an id counts.
-
-        Raises:
-            ValueError: It makes no sense.
-        """
-        if op == records.Op.SCHEMA:
-            schema = records.parse(records.Schema, content)
-            self.schemas.setdefault(schema.id, schema)
-        else:
-            channel = records.parse(records.Channel, content)
-            self.channels.setdefault(channel.id, channel)
+        """Take a schema or a channel; errors as of `take_definition`."""
+        take_definition(op, content, self)
 
 
 def salvage(path: Path) -> Salvage:
@@ -124,7 +117,7 @@ def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
         if reader.problems:
             found.problems = reader.problems
             return None
-        found.schemas, found.channels = dict(reader.schemas), dict(reader.channels)
+        found.schemas, found.channels, found.ended = dict(reader.schemas), dict(reader.channels), True
         broken = 0
         for place in reader.chunks:
             if not _take_place(found, data, place):
@@ -152,6 +145,7 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
             if length is None:
                 return intact
         op = data[offset]
+        found.ended |= op == records.Op.DATA_END
         if op == records.Op.CHUNK:
             good = proven = _take_place(found, data, ChunkPlace(offset, length))
         elif op == records.Op.MESSAGE:
@@ -252,7 +246,8 @@ def _take_extra(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bo
         else:
             metadata = records.parse_metadata(content)
             found.metadata[metadata.name] = metadata
-    except (ValueError, struct.error):
+    except (ValueError, struct.error) as error:
+        found.problems.append(f"at byte {offset}: {error}")
         return False
     return True
 
@@ -268,7 +263,3 @@ def _is_torn(data: mmap.mmap, offset: int) -> bool:
     except (ValueError, struct.error):
         return False
     return compression == "" and there < size
-
-
-def _ignore(op: int, content: memoryview) -> None:
-    pass

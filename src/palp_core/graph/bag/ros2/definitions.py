@@ -19,6 +19,7 @@ ROS2_KEY = "x-ros2"
 DEEPEST, MOST_FIELDS, LONGEST_ARRAY = 32, 1 << 14, 1 << 24
 """Bounds of a message type (assumed): how deep it is nested, fields with those of its parts, fixed arrays."""
 
+_FILLER = "structure_needs_at_least_one_member"  # rosbags adds it to a message without fields
 PACKED = frozenset({"float32", "float64"})
 BYTES = frozenset({"uint8", "byte", "octet", "char"})
 _SCALARS = {"string": "string", "bool": "boolean"} | dict.fromkeys(("float128", *PACKED), "number")
@@ -113,7 +114,9 @@ class Definitions:
         """Add message types as rosbags reads them."""
         new = {name: described for name, described in found.items() if name not in self}
         for name, described in found.items():
-            if name in self and self.store.fielddefs[name][1] != described[1]:
+            both = self.store.fielddefs.get(name, described), described
+            known, given = ([field for field in one[1] if field[0] != _FILLER] for one in both)
+            if known != given:
                 raise BagError(f"two different messages are called {name}")
         with catch_foreign("a message's definition cannot be taken", BagError):
             self.store.register(new)

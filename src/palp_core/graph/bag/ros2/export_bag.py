@@ -5,14 +5,13 @@ outlets convert it to one of ROS 2's types.
 """
 
 import re
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
-from palp_core.errors import BagError, PalpError, SchemaMismatch
+from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty
 from palp_core.graph.bag.ros2.values import writer as cdr_writer
@@ -75,18 +74,11 @@ def write(
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    definitions = definitions or empty()
-    if Path(out).exists():
-        raise BagError(f"{out} exists already: choose another name")
-    try:
-        with (
-            Bag(bag) as opened,
-            Writer(Path(out), version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-        ):
-            return _copy(opened, writer, definitions, outlets)
-    except PalpError:
-        shutil.rmtree(out, ignore_errors=True)  # half a bag is of no use
-        raise
+    with (
+        Bag(bag).whole() as opened,
+        Writer(Path(out), version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        return _copy(opened, writer, definitions or empty(), outlets)
 
 
 def _copy(bag: Bag, writer: Any, definitions: Definitions, outlets: OutletsOf | None) -> int:

@@ -6,7 +6,6 @@ quality of service in ROS 2, so that the way back gives the same bytes.
 
 from __future__ import annotations
 
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ from palp_core.graph.bag.metadata import named_files
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
 from palp_core.graph.bag.ros2.values import reader as message_reader
 from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.bag.writer import BagWriter, whole_folder
 from palp_core.graph.messages.topic import Topic
 from palp_core.whole_file import check_regular
 
@@ -38,20 +37,14 @@ SMALLEST_BOUND_BYTES, MOST_TIMES = 1 << 30, 1000
 def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool] | None = None) -> int:
     """Write a rosbag2 as a palp bag.
 
-    Log times are kept, and messages come in their order, even where the clock went back; a message's time of
-    publication, which rosbag2 lacks, is its log time.
+    Log times are kept, and messages come as they were recorded, even where the clock went back; a message's
+    time of publication, which rosbag2 lacks, is its log time.
     """
     bag = Path(bag)
-    if Path(out).exists():
-        raise BagError(f"{out} exists already: choose another name")
-    with _opened(bag) as source:
+    with whole_folder(out) as folder, _opened(bag) as source:
         chosen = [one for one in source.connections if select is None or select(one.topic)]
-        try:
-            with BagWriter(out, custom={"made_of": bag.name}) as writer:
-                return _copy(bag, source, chosen, writer)
-        except BagError:
-            shutil.rmtree(out, ignore_errors=True)  # half a bag is of no use
-            raise
+        with BagWriter(folder, custom={"made_of": bag.name}) as writer:
+            return _copy(bag, source, chosen, writer)
 
 
 def _copy(bag: Path, source: Any, chosen: list[Any], writer: BagWriter) -> int:
@@ -175,10 +168,23 @@ def _opened(bag: Path) -> Iterator[Any]:
             if bag.is_dir():
                 _take_empty_identifier(bag, source.storage)
             source.open()
+            for one in getattr(source.storage, "storages", [source.storage]):
+                _read_as_recorded(one)
         try:
             yield source
         finally:
             source.close()
+
+
+def _read_as_recorded(storage: Any) -> None:
+    """Have rosbags, which orders messages by time, read them as they come in their file."""
+    if hasattr(storage, "messages_scan"):
+        storage.messages = storage.messages_scan
+    else:
+        base, order, rather = storage.dbconn, "ORDER BY timestamp", "ORDER BY messages.id"
+        storage.dbconn = SimpleNamespace(
+            close=base.close, execute=lambda text, values: base.execute(text.replace(order, rather), values)
+        )
 
 
 def _files(bag: Path) -> list[Path]:
