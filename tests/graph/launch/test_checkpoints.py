@@ -209,6 +209,7 @@ def test_what_was_written_last_is_what_a_run_resumes_from(file: Path) -> None:
             "the launch file has no node 'echo'\n  the launch file has a node 'other'\n",
         ),
         ((), lambda file: edit(file, "[-3:]", "[-4:]"), r"file walk_test\w*\.py has changed"),
+        ((), lambda file: file.with_name("next.py").write_text("LEVEL = 2\n"), r"file next\.py has changed"),
     ],
 )
 def test_another_run_is_not_taken_for_the_interrupted_one(

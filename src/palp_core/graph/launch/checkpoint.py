@@ -306,7 +306,7 @@ def _sources(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, str]:
         if found is None:
             continue
         path = found[0]
-        files.add(path)
+        files.update((path, *path.parent.glob("*.py")))  # what it may import from next to it
         if path.is_relative_to(workspace) and path.parent != workspace:
             files.update((workspace / path.relative_to(workspace).parts[0]).rglob("*.py"))
         for underlay in underlays():
