@@ -308,15 +308,6 @@ def param_errors(node: Declaration, given: Mapping[str, Any]) -> dict[str, str]:
 
 def _wanted(param: ParamDescription, value: Any) -> str:
     unit = f" in {param.unit}" if param.unit not in ("", "1") else ""
-    low, high = param.minimum, param.maximum
-    if low is not None and high is not None:
-        bounds = f" from {low:g} to {high:g}"
-    else:
-        bounds = (
-            f" of at least {low:g}"
-            if low is not None
-            else f" of at most {high:g}"
-            if high is not None
-            else ""
-        )
+    low, high = param.minimum, param.maximum  # one alone is in the error
+    bounds = "" if low is None or high is None else f" from {low:g} to {high:g}"
     return f"give {param.type}{bounds}{unit}, not {value!r:.60}"

@@ -240,10 +240,8 @@ def read_result(out: str | Path) -> SessionResult:
         return msgspec.json.decode(read_whole(path), type=SessionResult)
     except FileNotFoundError as error:
         raise PalpError(f"no result in '{out}': {path} is missing; run a session with out:={out}") from error
-    except OSError as error:
-        raise PalpError(f"{path} cannot be read: {error.strerror}") from error
-    except msgspec.DecodeError as error:
-        raise PalpError(f"{path} is not a result: {in_words(error)}; run the session again") from error
+    except (OSError, msgspec.DecodeError) as error:
+        raise PalpError(f"{path} is not a result: {in_words(error)}; palp session report makes it") from error
 
 
 def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
