@@ -91,7 +91,7 @@ CHAINS: dict[str, list[tuple[str, tuple[str, ...]]]] = {
     "reports, and what the register lists": [
         (
             "from palp_core.palpation.perception.statistics.statistics import wilson\nwilson(3, 4)",
-            ("scipy.stats",),
+            ("scipy",),
         ),
         ("import palp_core.palpation.reporting.html_page", ("jinja2",)),
         ("import palp_core.palpation.session.report", ("matplotlib",)),
