@@ -34,7 +34,7 @@ def draw(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
     from palp_core.graph.description.diagram import mermaid
     from palp_core.graph.launch.checking import check_file
 
-    print_text(mermaid(check_file(file, arguments or [], forked=True)).rstrip())
+    print_text(mermaid(check_file(file, arguments or [])).rstrip())
 
 
 @app.command()
@@ -43,7 +43,7 @@ def show(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
     from palp_core.graph.description.checked import resolved_yaml
     from palp_core.graph.launch.checking import check_file
 
-    checked = check_file(file, arguments or [], forked=True)
+    checked = check_file(file, arguments or [])
     note_remarks(file, checked)
     print_text(resolved_yaml(checked).rstrip())
 

@@ -78,7 +78,7 @@ def launch(
     if check:
         from palp_core.graph.launch.checking import check_file, check_start
 
-        checked = check_file(file, overrides, forked=True)
+        checked = check_file(file, overrides)
         for text in check_start(file, checked, name, resume=resume):
             note(f"{file}: {text}")
         note_remarks(file, checked)

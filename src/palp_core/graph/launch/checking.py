@@ -1,6 +1,7 @@
 """Check a launch file, and what only a start would find, without starting anything."""
 
 import contextlib
+import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -29,16 +30,14 @@ def check_in(server: ForkServer, path: Path, overrides: Sequence[str], *, to_run
     return load(path, overrides, inspect, succeed)
 
 
-def check_file(path: str | Path, overrides: Sequence[str] = (), *, forked: bool = False) -> CheckedGraph:
+def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     """Check a launch file as a whole without starting anything.
-
-    ``forked``: this process has one thread and has imported nothing of a workspace; to fork it takes half the
-    time that a further interpreter does.
 
     Raises:
         GraphProblems: Every problem of the file, each with its place.
     """
-    server = ForkServer(started=fork_server() if forked else None)
+    alone = "palp_core.__main__" in sys.modules  # the command: one thread, and nothing of a workspace
+    server = ForkServer(started=fork_server() if alone else None)
     try:
         return check_in(server, Path(path), overrides, to_run="nowhere")
     finally:
