@@ -298,7 +298,7 @@ METHODS = [
     [
         ({"filter": "latent", "likelihood": "student_t"}, "likelihood 'student_t' is of the filter 'naive'"),
         ({"stop": "fixed_number", "stop_value": 20.0}, "max_probes is 15, but the stop rule"),
-        ({"max_probes": 0}, "`int` >= 1 - at `\\$.max_probes`"),
+        ({"max_probes": 0}, "max_probes must be a whole number of at least 1"),
     ],
 )
 def test_parameters_that_contradict_each_other_are_refused_before_anything_moves(
