@@ -11,6 +11,7 @@ import typer
 
 from palp_core.cli import bridge as command
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.bag.forms import writing
 from palp_core.graph.bag.ros2.export_bag import write
 from palp_core.graph.bag.ros2.values import reader, writer
 from palp_core.graph.bag.stream import Stream
@@ -209,8 +210,11 @@ def test_a_function_that_raises_leaves_no_half_bag(tmp_path: Path) -> None:
         stream = bag.stream(Stream(topic=topic_of("/sensor/block", block)))
         for index, values in enumerate(([1.0], []), 1):
             bag.write(stream, index, 0, index, encode(block(stamp_ns=index, torque_n_m=np.array(values))))
-    with pytest.raises(GraphError, match=f"lab_map.py:{AT}:1: IndexError: "):
-        write(tmp_path / "bag", tmp_path / "ros", outlets_of(str(file), tmp_path / "bag"), known_types())
+    with (
+        pytest.raises(GraphError, match=f"lab_map.py:{AT}:1: IndexError: "),
+        writing(tmp_path / "ros") as folder,
+    ):
+        write(tmp_path / "bag", folder, outlets_of(str(file), tmp_path / "bag"), known_types())
     assert not (tmp_path / "ros").exists()
 
 
