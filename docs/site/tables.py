@@ -119,7 +119,8 @@ MISMATCHES = {
     "modulus +10 %": "modulus +10%",
     "tip radius +0.3 mm": "tip radius +0.3 mm",
     "ring +-0.6 mm, stated +-0.3": "ring +-0.6 mm",
-    "contact by L4, trained by L2": "contact by L4",
+    "contact by L2, trained by L4": "contact by L2",
+    "bead 3 mm off the path": "bead 3 mm off the path",
 }
 """Differences that the page shows, and the study's names of them."""
 
