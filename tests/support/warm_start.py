@@ -143,7 +143,7 @@ ForkedPopen.fork = _WarmProcess().fork
 
 def _import_what_they_need() -> None:
     """Import what the command line and every node of this repository import, but nothing of a workspace."""
-    from palp_core.graph.supervision.class_inspection import import_heavy
+    from palp_core.graph.supervision.class_inspection import OF_SCIPY
 
     for name in COMMANDS:
         importlib.import_module(name)
@@ -151,7 +151,8 @@ def _import_what_they_need() -> None:
         for statement in ast.parse(file.read_bytes()).body:
             if isinstance(statement, ast.ImportFrom) and str(statement.module).startswith("palp_core."):
                 importlib.import_module(str(statement.module))
-    import_heavy("scipy")
+    for name in OF_SCIPY:
+        importlib.import_module(name)
 
 
 def _serve(channel: socket.socket) -> _Request:

@@ -54,7 +54,7 @@ class InspectClasses(ChannelMessage, frozen=True):
 
 
 class HeavyImport(ChannelMessage, frozen=True):
-    """An inspecting child is about to import this."""
+    """An inspecting child is about to import this; "" is a sign of life from a server that has done so."""
 
     module: str
 
@@ -135,9 +135,10 @@ class _HeavyImports:
         self._send = send
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
-        if _is_heavy(name):
-            with contextlib.suppress(OSError):
-                self._send(HeavyImport(name))
+        for module in OF_SCIPY if name == "scipy" else (name,):
+            if _is_heavy(module):
+                with contextlib.suppress(OSError):
+                    self._send(HeavyImport(module))
 
 
 def _is_heavy(module: str) -> bool:
@@ -148,5 +149,4 @@ def import_heavy(module: str) -> None:
     """Import what was announced, of what is heavy."""
     if _is_heavy(module):
         with contextlib.suppress(ImportError):  # the child has met it too, and says so
-            for name in OF_SCIPY if module == "scipy" else (module,):
-                importlib.import_module(name)
+            importlib.import_module(module)

@@ -315,8 +315,8 @@ class _Server:
             message = channel.receive()
             if isinstance(message, HeavyImport) and to_run == "forked":
                 import_heavy(message.module)
-            else:
-                self._send_event(message)
+                message = HeavyImport("")
+            self._send_event(message)
         return True
 
     def _send_event(self, event: ChildEvent | HeavyImport) -> None:
