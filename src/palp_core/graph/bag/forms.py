@@ -3,7 +3,6 @@
 import contextlib
 import csv
 from collections.abc import Callable, Iterator
-from itertools import starmap
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +12,7 @@ from palp_core.errors import BagError
 from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.edit import copy_messages
-from palp_core.graph.bag.reader import Bag, RecordedMessage
+from palp_core.graph.bag.reader import Bag, BagMessage, RecordedMessage
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter, whole_folder
 from palp_core.graph.messages.schema_reader import fields_of, is_array, items_of
@@ -49,17 +48,17 @@ def write_json(bag: str | Path, out: str | Path) -> int:
     """
     streams: dict[int, Stream] = {}  # by identity: streams live as long as the bag
 
-    def as_json(message: RecordedMessage, value: Any) -> RecordedMessage:
+    def as_json(message: RecordedMessage, decoded: BagMessage) -> RecordedMessage:
         stream = message.stream
         if id(stream) not in streams:
             topic = msgspec.structs.replace(stream.topic, json_schema=json_form(stream.topic.json_schema))
             streams[id(stream)] = msgspec.structs.replace(stream, topic=topic, encoding="json")
-        return message._replace(stream=streams[id(stream)], payload=msgspec.json.encode(plain(value)))
+        return message._replace(stream=streams[id(stream)], payload=msgspec.json.encode(plain(decoded.value)))
 
     with Bag(bag).whole() as opened, BagWriter(out) as writer:
         for name, data in opened.attachments().items():
             writer.attach(name, data)
-        return copy_messages(starmap(as_json, opened.decoded()), writer)
+        return copy_messages(map(as_json, opened.recorded(), opened.messages()), writer)
 
 
 def json_form(schema: dict[str, Any]) -> dict[str, Any]:

@@ -158,26 +158,22 @@ class Bag(AbstractContextManager["Bag"]):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[BagMessage]:
         """Iterate decoded messages; the arguments are those of :func:`read`."""
-        for message, value in self.decoded(topics, start_ns, end_ns):
-            stream, sequence, log_ns, publish_ns, _ = message
-            yield BagMessage(stream.topic.name, stream.epoch, sequence, log_ns, publish_ns, value)
-
-    def decoded(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[tuple[RecordedMessage, Any]]:
-        """Iterate messages with their values; the arguments are those of :func:`read`."""
-        decoders: dict[int, Callable[[bytes], Any]] = {}  # by identity: streams live as long as the bag
-        for message in self.recorded(topics, start_ns, end_ns):
-            stream = message.stream
-            decode = decoders.get(id(stream))
-            if decode is None:
-                decode = decoders[id(stream)] = decoder_for(stream)
-            try:
-                value = decode(message.payload)
-            except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-                where = f"{self.path}: {stream.topic.name} epoch {stream.epoch} sequence {message.sequence}"
-                raise BagError(f"{where}: not of its schema: {error}") from error
-            yield message, value
+        routes: dict[tuple[int, int], tuple[str, int, int, Callable[[bytes], Any]]] = {}
+        for place, raw in self._raw(topics, start_ns, end_ns):
+            for channel, sequence, log_ns, publish_ns, payload in raw:
+                route = routes.get((place, channel))
+                if route is None:
+                    stream = self._streams[place][channel]
+                    high = stream.sequence_high << 32
+                    route = stream.topic.name, stream.epoch, high, decoder_for(stream)
+                    routes[place, channel] = route
+                topic, epoch, high, decode = route
+                try:
+                    value = decode(payload)
+                except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+                    where = f"{self.path}: {topic} epoch {epoch} sequence {high | sequence}"
+                    raise BagError(f"{where}: not of its schema: {error}") from error
+                yield BagMessage(topic, epoch, high | sequence, log_ns, publish_ns, value)
 
     def attachments(self) -> dict[str, bytes]:
         """Return the attachments by name; of the same name, the latest file's."""

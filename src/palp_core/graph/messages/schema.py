@@ -88,18 +88,21 @@ def _refused(owner: str, name: str, kind: msgspec.inspect.Type) -> SchemaMismatc
 
 
 _SQUARED_AT_LEAST, _SQUARED_AT_MOST = 1e-140, 1e150  # beyond, a square is 0 or not exact, or infinite
+_FEW = 32  # elements; of so few, each by itself costs less than one call of numpy
 _ROUNDED = 1.0 - 1e-6  # far more than the rounding of a sum of squares, which are all of one sign
 
 
 def _within(array: Any, low: float, high: float) -> bool:
     """Return whether all elements are within bounds; NaN is in no bounds.
 
-    Nearly always the sum of squares shows it in one pass: no element is greater than its root.
+    Of a long array the sum of squares nearly always shows it: no element is greater than its root.
     """
+    if array.size <= _FEW:
+        return all(low <= value <= high for value in array.tolist())
     least = min(-low, high)
     if _SQUARED_AT_LEAST < least < _SQUARED_AT_MOST and np.vdot(array, array) <= least * least * _ROUNDED:
         return True
-    return not array.size or bool(array.min() >= low and array.max() <= high)
+    return bool(array.min() >= low and array.max() <= high)
 
 
 def _check(

@@ -86,7 +86,7 @@ class WallLoop:
         self._alarms = tuple(self.executor.ends.alarms.values())
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
-        self._announced = False
+        self._announced = self._is_commanded = False
 
     def _keep_published(self, file: Path) -> Offsets:
         """Note what is published, and let readers know how far the process before a restart had come."""
@@ -132,27 +132,31 @@ class WallLoop:
 
     def run(self) -> None:
         self.channel.send(control_messages.Configured())
+        executor, sockets, participant = self.executor, self.sockets, self.participant
         finished = False
         while True:
-            spoken = self._wait()
+            is_commanded = self._wait()
             if not self._announced and self.receiver.matched and self._matched_readers.all_present():
                 self._announced = True
                 self.channel.send(control_messages.Matched(self._matched_readers.missing))
-            if spoken and self._command():
-                return
-            self.executor.run_timers()
-            if self.executor.inbox:
+            if is_commanded:
+                if self._command():
+                    return
+                self._is_commanded = self.channel.buffered()
+            if executor.ends.timed:
+                executor.run_timers()
+            if executor.inbox:
                 self._work()
             if self._checkpointer is not None:
                 self._checkpointer.turn()
-            if self.participant.waiting:
-                self.participant.turn()
-            if self.sockets.due():
-                self.sockets.poll(on_deferred=self._run_deferred)
+            if participant.waiting:
+                participant.turn()
+            if sockets.due():
+                sockets.poll(on_deferred=self._run_deferred)
                 self._run_deferred()
-            if self.executor.exit_code is not None and not finished and not self.participant.silent:
+            if executor.exit_code is not None and not finished and not participant.silent:
                 finished = True
-                self.channel.send(control_messages.Relay(b"", self.executor.exit_code))
+                self.channel.send(control_messages.Relay(b"", executor.exit_code))
 
     def _run_deferred(self) -> None:
         """Do what has been asked, and at once what comes of it, unless the node may change hands."""
@@ -160,38 +164,42 @@ class WallLoop:
             self.sockets.requests.run_deferred()
 
     def _wait(self) -> bool:
-        """Wait for something to do and take in what arrives; return whether the supervisor spoke."""
-        now_ns = monotonic_ns()
+        """Wait for something to do and take in what arrives; return whether the supervisor commands."""
+        receiver, executor, now_ns = self.receiver, self.executor, monotonic_ns()
         if now_ns >= self._next_beat_ns - EARLY_NS:
-            if not self.participant.silent:
-                self.sockets.publisher.send_heartbeats(to_all=False)
-            for out, change in self.sockets.publisher.backpressure.newly_lost(now_ns):
-                self.executor.ends.report_overrun(out, change)
-            self._matched_readers.write_down()
-            self._relay()
-            self.receiver.tick(now_ns, self.now_ns(), max(now_ns - self._next_beat_ns, 0))
-            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
-            self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
-            self._next_beat_ns = now_ns + HEARTBEAT_NS
-            if now_ns >= self._health.due_ns and self._supervisor_keeps_up():
-                self._pulse()
-        timeout_s = (self._next_beat_ns - now_ns) / 1e9
-        due_ns = self.executor.next_due_ns()
-        if due_ns is not None:
-            timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        is_pending = self.receiver.pending()
-        if is_pending or self.sockets.due() or self._backlog():
-            timeout_s = 0.0
-        waiting = {fd: alarm for alarm in self._alarms for fd in alarm.file_descriptors}
-        descriptors = (*waiting, *self._others, *self.receiver.file_descriptors)
-        ready = select.select(descriptors, (), (), max(timeout_s, 0.0))[0]
-        while ready and ready[0] in waiting:
-            waiting[ready.pop(0)].set(0)
+            self._beat(now_ns)
+        is_pending = receiver.pending()
+        timeout_s = 0.0
+        if not (is_pending or self._is_commanded or self.sockets.requests.poll_pending or self._backlog()):
+            until_ns = self._next_beat_ns
+            if executor.ends.timed and (due_ns := executor.next_due_ns()) is not None:
+                until_ns = min(until_ns, self.clock.host_ns(due_ns))
+            timeout_s = max(until_ns - now_ns, 0) / 1e9
+        alarms = self._alarms and {fd: alarm for alarm in self._alarms for fd in alarm.file_descriptors}
+        ready = select.select((*alarms, *self._others, *receiver.file_descriptors), (), (), timeout_s)[0]
+        while ready and ready[0] in alarms:
+            alarms[ready.pop(0)].set(0)
         if is_pending or (ready and ready[-1] not in self._others):
-            self.receiver.receive(SLICE_NS)
+            receiver.receive(SLICE_NS)
         if ready and ready[0] in self._others:
             self.sockets.note_signal()
-        return self.channel.buffered() or self._others[0] in ready
+            self._is_commanded = self._is_commanded or ready[0] == self._others[0]
+        return self._is_commanded
+
+    def _beat(self, now_ns: int) -> None:
+        """Show that the node lives, and do what is due some ten times a second."""
+        if not self.participant.silent:
+            self.sockets.publisher.send_heartbeats(to_all=False)
+        for out, change in self.sockets.publisher.backpressure.newly_lost(now_ns):
+            self.executor.ends.report_overrun(out, change)
+        self._matched_readers.write_down()
+        self._relay()
+        self.receiver.tick(now_ns, self.now_ns(), max(now_ns - self._next_beat_ns, 0))
+        is_active = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
+        self.executor.journal.serve_follower(self.executor.now_ns(), active=is_active)
+        self._next_beat_ns = now_ns + HEARTBEAT_NS
+        if now_ns >= self._health.due_ns and self._supervisor_keeps_up():
+            self._pulse()
 
     def _work(self) -> None:
         end_ns = monotonic_ns() + SLICE_NS

@@ -47,6 +47,7 @@ class TopicReceiver:
             name=executor.name,
             flow_controls=flow_controls(executor),
         )
+        self._subscribed = (self._subscriber.file_descriptor,)
         self._requester = RequesterSocket(context)
         self._offsets = Offsets(offsets, list(executor.ends.subscriptions)) if offsets is not None else None
         self.buffers = {
@@ -73,7 +74,7 @@ class TopicReceiver:
     @property
     def file_descriptors(self) -> tuple[int, ...]:
         """Descriptors that become readable when :meth:`receive` has something to do."""
-        return (self._subscriber.file_descriptor, *self._requester.file_descriptors)
+        return self._subscribed + self._requester.file_descriptors
 
     @property
     def matched(self) -> bool:
@@ -122,7 +123,10 @@ class TopicReceiver:
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
-        return not self._inbox_is_full() and (self._subscriber.receive_pending or self._requester.pending())
+        waits = self._subscriber.receive_pending or (
+            self._requester.file_descriptors and self._requester.pending()
+        )
+        return bool(waits) and not self._inbox_is_full()
 
     def receive(self, slice_ns: int) -> None:
         """Take in what has arrived, put it in order, ask for what is missing.
@@ -130,13 +134,12 @@ class TopicReceiver:
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
         """
-        if not self._inbox_is_full():
+        if not self._inbox or not self._inbox_is_full():
             self._subscriber.dispatch(self._arrive, slice_ns)
-            self._take_answers()
+            if self._requester.file_descriptors:
+                self._take_answers()
 
     def _take_answers(self) -> None:
-        if not self._requester.file_descriptors:
-            return
         now_ns = monotonic_ns()
         for reply in self._requester.replies():
             buffer = self.buffers.get(reply.get("topic", ""))

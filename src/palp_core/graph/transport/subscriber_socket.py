@@ -86,20 +86,22 @@ class SubscriberSocket:
         """Hand on what has arrived, at least one frame if there is any; return whether there may be more."""
         if wait_ms:
             self._socket.poll(wait_ms)
-        socket, until_ns, count = self._socket, monotonic_ns() + slice_ns, 0
+        socket, until_ns = self._socket, 0
         self.receive_pending = False
-        while count > 1 or readable(socket):  # the exception that ends a burst costs less than each question
+        while True:
             try:
                 raw = socket.recv(_NOBLOCK)
             except zmq.Again:
                 return False
-            count += 1
             now_ns = monotonic_ns()
             arrive(raw, now_ns)
-            if now_ns >= until_ns:
+            if not until_ns:
+                until_ns = now_ns + slice_ns
+                if not readable(socket):  # costs less than the exception, which ends a burst
+                    return False
+            elif now_ns >= until_ns:
                 self.receive_pending = True
                 return True
-        return False
 
     def pending(self) -> bool:
         """Return whether something has arrived; also re-arms the descriptor, which signals changes only."""
