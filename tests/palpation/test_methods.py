@@ -16,8 +16,8 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
 from palp_core.palpation.session.reading_params import TASKS
 from palp_core.palpation.session.reanalysis import Methods
-from palp_core.palpation.studies.measures.perception import FEATURES
 from palp_core.palpation.studies.schemes import POLICIES
+from tests.support.reading_errors import FEATURES
 from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,31 +1,16 @@
-"""What the measures of contact and motion find, against what is known of them."""
+"""What the measure of contact finds, against what is known of them."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
 from palp_core.errors import MechanicsError
 from palp_core.methods import names
 from palp_core.methods.measured import REFERENCE, Measured
-from palp_core.palpation.mechanics import Scene, StagePath, Tolerance
-from palp_core.palpation.studies.measures import mechanics
+from palp_core.palpation.mechanics import Scene
 from palp_core.palpation.studies.measures.mechanics import RungVariant, measure_contact, variants
 
 ONE_RING = Scene(ring_m=(0.016,))
-
-
-@pytest.fixture
-def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run what is timed once: ``palp methods measure`` shows costs."""
-
-    def once(action: Callable[[], object], **_: object) -> float:
-        action()
-        return 1.0
-
-    monkeypatch.setattr(mechanics, "cpu_s", once)
 
 
 def last(points: list[Measured]) -> dict[tuple[str, str, str], Measured]:
@@ -59,29 +44,6 @@ def test_every_rung_is_measured_the_quick_ones_first_and_the_usual_one_of_each()
     assert {one.rung for one in offered if one.usual} == set(names("contact"))
     finest = [one.resolution for one in offered if one.rung == "l4"][-1]
     assert finest == "0.5 mm"
-
-
-@pytest.mark.usefixtures("untimed")
-def test_inertia_is_what_a_fast_sweep_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mechanics, "_FAST_M_S", ())
-    path = StagePath(from_m=-0.01, to_m=0.03, speed_m_s=0.2)
-    fast = replace(ONE_RING, path=path, tolerance=Tolerance(relative=0.01))
-    found = {(one.method, one.setting): one for one in mechanics.measure_motion(fast)}
-    still = found["quasi_static", ""]
-    assert still.error > 0.01
-    assert "inertia moves the peak" in still.fails
-    assert found["dynamic", "step 200 us"].error < found["dynamic", "step 2000 us"].error < still.error
-
-
-@pytest.mark.usefixtures("untimed")
-def test_the_scenes_own_speed_is_measured_before_any_other() -> None:
-    path = StagePath(from_m=-0.01, to_m=0.03, speed_m_s=0.1)
-    points = mechanics.measure_motion(replace(ONE_RING, path=path))
-    first, second, third = (next(points) for _ in range(3))
-    assert (first.method, first.condition, first.against) == ("quasi_static", "", "dynamic, step 2000 us")
-    assert (second.method, second.against) == ("quasi_static", "dynamic, step 400 us")
-    assert (third.method, third.setting, third.condition) == ("dynamic", "step 2000 us", "")
-    assert first.fails == ""  # a step so long proves nothing
 
 
 @pytest.mark.nightly

@@ -249,7 +249,6 @@ TASKS = [
         per="a sweep of 4 s",
         output="peak",
         tolerance=0.02,
-        measure=f"{_MEASURES}:measure_motion",
     ),
 ]
 

@@ -158,7 +158,7 @@ _THREE_CLASSES: _Ranges = {"class_count": (3.0, _ENDLESS)}
 _DENOISED = _by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29))
 
 _HERE = "palp_core.palpation.perception"
-_MEASURES = "palp_core.palpation.studies.measures"
+_MEASURES = "palp_core.palpation.studies.measures.perception"
 _BOUNDS = "tests/palpation/studies/perception/test_method_bounds.py"
 
 TASKS = [
@@ -168,7 +168,6 @@ TASKS = [
         per="a sweep of 4000 samples",
         output="feature",
         tolerance=0.05,
-        measure=f"{_MEASURES}.perception:measure_denoising",
     ),
     Task(
         name="feature",
@@ -176,7 +175,6 @@ TASKS = [
         per="a sweep of 4000 samples",
         output="decision",
         tolerance=0.05,
-        measure=f"{_MEASURES}.perception:measure_features",
     ),
     Task(
         name="likelihood",
@@ -184,7 +182,6 @@ TASKS = [
         per="a reading",
         output="calibration",
         tolerance=0.05,
-        measure=f"{_MEASURES}.perception:measure_likelihoods",
     ),
     Task(
         name="filter",
@@ -192,7 +189,7 @@ TASKS = [
         per="a reading",
         output="calibration",
         tolerance=0.05,
-        measure=f"{_MEASURES}.perception:measure_filters",
+        measure=f"{_MEASURES}:measure_filters",
     ),
     Task(
         name="trace_filter",
@@ -200,7 +197,6 @@ TASKS = [
         per="a sweep",
         output="decision",
         tolerance=0.02,  # what a rule that stops at 0.99 gets wrong by itself, and as much again
-        measure=f"{_MEASURES}.traces:measure_trace_filters",
     ),
     Task(
         name="stop",
@@ -208,7 +204,7 @@ TASKS = [
         per="a reading",
         output="decision",
         tolerance=0.05,
-        measure=f"{_MEASURES}.perception:measure_stops",
+        measure=f"{_MEASURES}:measure_stops",
     ),
     Task(
         name="policy",
@@ -216,7 +212,7 @@ TASKS = [
         per="a palpation",
         output="decision",
         tolerance=0.05,
-        measure=f"{_MEASURES}.perception:measure_policies",
+        measure=f"{_MEASURES}:measure_policies",
     ),
     Task(
         name="burst",

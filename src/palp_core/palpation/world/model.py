@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -113,12 +114,12 @@ class WorldModel:
                 f"{self.texture_length_m:g}; the contact smooths what is finer",
             )
 
-    @property
+    @cached_property
     def plain(self) -> bool:
         """Whether it is the paper's own design: nothing is on, whatever its name."""
         return all(getattr(self, item.name) == 0.0 for item in _quantities())
 
-    @property
+    @cached_property
     def shifts_latents(self) -> bool:
         """Whether sweeps differ by more than the ring's landing and the surface's height."""
         return any(getattr(self, item.name) != 0.0 for item in _quantities() if item.metadata["latent"])

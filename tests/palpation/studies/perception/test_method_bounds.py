@@ -23,8 +23,6 @@ from palp_core.palpation.perception.strategy.policies import (
 )
 from palp_core.palpation.session.method_choices import of_traces
 from palp_core.palpation.session.trace_settings import TraceSettings
-from palp_core.palpation.studies.measures import perception as measured
-from palp_core.palpation.studies.measures import traces
 from palp_core.palpation.studies.measures.perception import (
     LAST,
     REMOUNTED,
@@ -35,9 +33,10 @@ from palp_core.palpation.studies.measures.perception import (
     sessions,
     trials_by_policy,
 )
-from palp_core.palpation.studies.measures.traces import RIG, TraceCase
 from palp_core.palpation.studies.plan import RATE_HZ, SPEED_M_PER_S, Conditions, Gel
 from palp_core.palpation.world.model import LAB, PAPER
+from tests.support import reading_errors, trace_errors
+from tests.support.trace_errors import RIG, TraceCase
 
 RINGS_M = (0.004, 0.016)
 TOUCHES: Sequence[dict[str, Any]] = (
@@ -117,9 +116,10 @@ def test_rules_for_wavelet_coefficients_keep_their_bounds(
     touch: dict[str, Any], noise: float, sweeps: int
 ) -> None:
     gel = Gel(rings_m=RINGS_M, noise_factor=noise, **touch)
-    clean = measured.clean_sweeps(RINGS_M, gel)
+    clean = reading_errors.clean_sweeps(RINGS_M, gel)
     errors = {
-        rule: {"feature": measured.feature_error(rule, clean, noise, sweeps)} for rule in names("denoise")
+        rule: {"feature": reading_errors.feature_error(rule, clean, noise, sweeps)}
+        for rule in names("denoise")
     }
     assert broken("denoise", quantities(gel), errors) == []
 
@@ -128,7 +128,9 @@ def test_rules_for_wavelet_coefficients_keep_their_bounds(
 def test_features_keep_their_bounds(touch: dict[str, Any], noise: float, height_m: float) -> None:
     gel = Gel(rings_m=RINGS_M, noise_factor=noise, height_reach_m=0.9e-3, **touch)
     rig = replace(REMOUNTED, height_sd_m=height_m)
-    errors = {name: {"decision": measured.one_reading(name, gel, rig, 100)} for name in names("feature")}
+    errors = {
+        name: {"decision": reading_errors.one_reading(name, gel, rig, 100)} for name in names("feature")
+    }
     assert broken("feature", quantities(gel, rig), errors) == []
 
 
@@ -146,7 +148,7 @@ def test_likelihoods_keep_their_bounds(
     errors = {
         name: {
             "calibration": max(
-                measured.overtrust(name, training, gap_sd, outliers, trials, probes=probes)
+                reading_errors.overtrust(name, training, gap_sd, outliers, trials, probes=probes)
                 for gap_sd in gaps_sd
                 for probes in (1, 15)
             )
@@ -275,14 +277,14 @@ def traced() -> list[TraceCase]:
 
 @pytest.mark.parametrize("case", at_night(traced()))
 def test_filters_of_traces_keep_their_bounds(case: TraceCase) -> None:
-    errors = traces.errors(traces.by_filter(case, case.sessions(6)))
+    errors = trace_errors.errors(trace_errors.by_filter(case, case.sessions(6)))
     settings = structs.replace(TraceSettings(), **case.assumed)
     grid = {"class_count": float(settings.depths)} if settings.depths else {}
     told = of_traces(settings)
     if case.conditions.phantoms == 1:  # others differ from the one of training by more than phantoms scatter
         told |= {name: 2.0**0.5 * value for name, value in told.items() if name in SPREADS}
     where = {**quantities(case.gel, case.conditions), **told, **grid}
-    assert broken(traces.TASK, where, errors) == []
+    assert broken(trace_errors.TASK, where, errors) == []
 
 
 def test_an_error_beyond_its_bound_is_seen() -> None:
@@ -306,7 +308,7 @@ def test_every_method_states_an_error_in_the_published_session(task: str) -> Non
 
 def test_sweeps_have_the_truth_of_their_own() -> None:
     gel = Gel()
-    clean = measured.clean_sweeps((0.016,), gel)
+    clean = reading_errors.clean_sweeps((0.016,), gel)
     scenes = [Scene(ring_m=(0.016,)).with_bead(depth_m) for depth_m in gel.depths_m]
     peaks = [run_scene(scene, "l2").peak_n_m[0] for scene in scenes]
     assert [one.truth_n_m["peak"] for one in clean] == pytest.approx(peaks, rel=1e-3)

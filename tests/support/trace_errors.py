@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
 from palp_core.methods import names
-from palp_core.methods.measured import Measured, cpu_s
-from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.perception.statistics.statistics import calibration
 from palp_core.palpation.perception.trace.belief import begin_sweep, observe_stepwise, start
 from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.session.trace_settings import TraceSettings
-from palp_core.palpation.studies.measures.perception import gel_of
 from palp_core.palpation.studies.parallel import seeds
 from palp_core.palpation.studies.plan import SWIFT, Conditions, Gel
 from palp_core.palpation.studies.schemes import SURE
@@ -120,17 +116,3 @@ def errors(reads: Mapping[str, Sequence[Read]]) -> dict[str, dict[str, float]]:
         for name, share in shares.items()
         if name != STRAIGHT
     }
-
-
-def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
-    """Measure every filter of whole traces in the lab's world: one sweep a trial, at the stiffest ring."""
-    case = TraceCase(replace(gel_of(scene), reading="trace"))
-    begun = case.sessions(2)
-    found = errors(by_filter(case, begun))
-    for name in names(TASK):
-        model = model_of(begun[0], case.settings(begun[0]), name)
-        ring = model.mean.shape[1] - 1
-        sweep = begin_sweep(start(model), ring, landed=True)
-        cost_s = cpu_s(partial(observe_stepwise, model, sweep, model.mean[0, ring]))
-        for output, error in found[name].items():
-            yield Measured(TASK, name, "", cost_s, error, output, "simulated truth")
