@@ -18,12 +18,10 @@ from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.paper import cases
 from palp_core.palpation.studies.paper import study as paper_study
 from palp_core.palpation.studies.paper.cases import why_report
-from palp_core.palpation.studies.paper.numbers import statements
 from palp_core.palpation.studies.paper.statistics import (
     correlate_trials,
     count_sessions,
     iterations,
-    least_share,
 )
 from palp_core.palpation.studies.paper.study import paper_sessions, results
 from palp_core.palpation.studies.parallel import Runner
@@ -197,19 +195,6 @@ def test_where_jobs_cannot_run_the_error_says_what_to_do(
         runner.run_jobs(len, ["job"], label="jobs")
 
 
-def test_the_papers_counts_carry_its_statements_or_not() -> None:
-    found = {(one.text, one.assumption): one for one in statements()}
-    human = found["human: depth has no significant influence", ""]
-    assert human.p == pytest.approx(0.093, abs=1e-3)
-    same = found["human against fixed: no difference", "fixed 200 of 300 trials"]
-    assert same.p == pytest.approx(0.70, abs=0.01)
-    better = found["varied stiffness better than fixed", "fixed 200 of 300 trials, varied 271 of 300"]
-    assert better.p == pytest.approx(1.187e-12, rel=1e-3, abs=0.0)  # Fisher, 271 of 300 against 200
-    assert found["varied stiffness better than fixed", "fixed 10 of 15 cells, varied 271 of 300"].p < 0.05
-    assert not found["fixed: depth has a significant influence", "fixed 10 of 15 cells"].holds
-    assert found["fixed: depth has a significant influence", "fixed 200 of 300 trials"].holds
-
-
 @pytest.mark.parametrize(("share", "correlation"), [(0.6, 0.02), (0.8, 0.1), (0.7, 0.3)])
 def test_the_correlation_of_simulated_sessions_is_found_again(share: float, correlation: float) -> None:
     rng, size = np.random.default_rng(0), 1.0 / correlation - 1.0
@@ -230,12 +215,3 @@ def test_simulated_experiments_have_the_power_that_their_sessions_are_counted_fo
     assert count_sessions(second, second, 10, 0.8) is None
     assert more is not None
     assert more > count
-
-
-def test_sessions_whose_trials_are_alike_tell_less() -> None:
-    independent, alike = least_share(0.667, 0.0), least_share(0.667, 0.014)
-    assert independent == pytest.approx(0.770, abs=2e-3)  # of two proportions, 300 trials each
-    assert independent is not None
-    assert alike is not None
-    assert alike > independent + 0.1
-    assert least_share(0.9, 0.3) is None

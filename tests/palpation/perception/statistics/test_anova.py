@@ -6,8 +6,6 @@ from palp_core.palpation.perception.statistics.anova import (
     Anova,
     NotTestable,
     bonferroni,
-    fisher,
-    mixed_logit,
     permutation,
     two_way,
 )
@@ -87,22 +85,6 @@ def test_exchanging_labels_within_sessions_finds_the_effect_and_not_the_sessions
     assert isinstance(permutation(by_session, sessions, sessions, rng), NotTestable)
 
 
-def test_the_mixed_logit_finds_the_effect_despite_the_sessions() -> None:
-    depth, ring = table()
-    sessions = np.tile([0, 1, 2, 3, 4, 5], 30).tolist()
-    found = mixed_logit(outcomes(1, 0.45), {"depth": depth, "ring": ring}, sessions)
-    assert not isinstance(found, NotTestable)
-    assert found[0].p < 1e-3 < 0.05 < found[1].p
-    assert isinstance(mixed_logit(np.ones(180), {"depth": depth}, sessions), NotTestable)
-    assert isinstance(mixed_logit(outcomes(1, 0.1), {"depth": depth}, [0] * 180), NotTestable)
-
-
-def test_the_exact_test_gives_reference_values() -> None:
-    assert fisher((3, 4), (1, 4)) == pytest.approx(0.4857142857)  # Fisher's tea, "The Design of Experiments"
-    with pytest.raises(PerceptionError, match="not a share"):
-        fisher((5, 4), (1, 4))
-
-
 def test_a_lost_outcome_is_not_testable_whichever_the_test() -> None:
     depth, ring = table()
     values = outcomes(1, 0.45)
@@ -111,7 +93,6 @@ def test_a_lost_outcome_is_not_testable_whichever_the_test() -> None:
     for found in (
         two_way(values, depth, ring, names=NAMES),
         permutation(values, depth, [0] * 180, rng, shuffles=50),
-        mixed_logit(values, {"depth": depth}, [0, 1] * 90),
     ):
         assert isinstance(found, NotTestable)
         assert "not finite" in found.reason
@@ -128,5 +109,3 @@ def test_a_test_without_a_label_for_every_trial_is_refused(values: list[float]) 
         bonferroni(values, ["a", "b"])
     with pytest.raises(PerceptionError, match="for every trial"):
         permutation(values, ["a", "b"], [0, 0], np.random.default_rng(0))
-    with pytest.raises(PerceptionError, match="for every trial"):
-        mixed_logit(values, {"a": ["a", "b"]}, [0, 1])

@@ -32,21 +32,12 @@ from palp_core.palpation.studies.training import cell_readings, reading_slopes
 from palp_core.palpation.studies.trials import Outcomes
 from palp_core.units import Float64Array
 
-READINGS = {
-    "markov": Scheme("markov", "markov"),
-    "markov_gaussian_reset": Scheme(
-        "markov_gaussian_reset", "markov", chain=("ar1", "gaussian_reset", "average")
-    ),
-    "markov_mean": Scheme("markov_mean", "markov", chain=("ar1", "mean", "average")),
-}
-"""Readings of eqs. (4) and (5)."""
-
 
 def paper_case(plan: WorldPlan) -> Case:
     """Return every policy: peak, the paper's filter, its stop rule verbatim."""
     schemes = {name: Scheme(name, name) for name in POLICIES}
     schemes["best_single_probe"] = Scheme("best_single_probe", "best_single_probe", stop=FixedNumber(1))
-    return Case("paper", plan, tuple((schemes | READINGS).values()))
+    return Case("paper", plan, tuple(schemes.values()))
 
 
 # Scenes fixed in advance: is information gain with the latent filter better at equal seconds?

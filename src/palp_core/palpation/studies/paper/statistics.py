@@ -10,19 +10,18 @@ from statsmodels.stats.power import normal_power, ttest_power  # type: ignore[im
 from palp_core.palpation.perception.statistics.anova import (
     NotTestable,
     bonferroni,
-    mixed_logit,
     two_way,
 )
 from palp_core.palpation.perception.statistics.resampling import SessionMean, cluster_bootstrap, compare
-from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT, PUBLISHED
+from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT
 from palp_core.palpation.studies.schemes import FIXED
 from palp_core.palpation.studies.summary import accuracies, depth_key, ends, joined
 from palp_core.palpation.studies.trials import Outcomes
 from palp_core.units import Float64Array
 
 Sessions = Mapping[str, Sequence[Outcomes]]
-_Trial = tuple[float, str, str, int]
-"""Outcome, depth, policy and session of a trial."""
+_Trial = tuple[float, str, str]
+"""Outcome, depth and policy of a trial."""
 
 REPORTED = {
     "fixed: depth and r_a": "depth, r_a and their interaction significant (p < 0.05); post hoc 2 mm "
@@ -69,10 +68,10 @@ def comparisons(sessions: Sessions, average: Sequence[float]) -> list[dict[str, 
 
 
 def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
-    """Return the paper's two analyses of variance on our trials, and a third, with a mixed logit of each.
+    """Return the paper's two analyses of variance on our trials, and a third.
 
     One session is what the paper had; its table is that of the first session. The human's trials are those of
-    the published counts. The mixed logit is over all sessions, of our trials only.
+    the published counts.
     """
     fixed = {name: sessions[name] for name in FIXED}
     average = {"fixed": joined(fixed), "human strategy": sessions["markov"]}
@@ -91,9 +90,9 @@ def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
 def _trials(sessions: Sessions, depths_m: Sequence[float]) -> list[_Trial]:
     """Return the trials of sessions of several policies."""
     return [
-        (float(right), depth_key(depths_m[c]), name, number)
+        (float(right), depth_key(depths_m[c]), name)
         for name, found in sessions.items()
-        for number, one in enumerate(found)
+        for one in found
         for right, c in zip(one.correct.tolist(), one.depth.tolist(), strict=True)
     ]
 
@@ -101,7 +100,7 @@ def _trials(sessions: Sessions, depths_m: Sequence[float]) -> list[_Trial]:
 def _published(depths_m: Sequence[float]) -> list[_Trial]:
     """Return the human's trials, from the published percentages."""
     return [
-        (float(n < HUMAN_RIGHT[key]), key, "human", 0)
+        (float(n < HUMAN_RIGHT[key]), key, "human")
         for key in map(depth_key, depths_m)
         if key in HUMAN_RIGHT
         for n in range(HUMAN_OF)
@@ -112,17 +111,14 @@ def _analyse(
     sessions: Sessions, factor: str, depths_m: Sequence[float], human: list[_Trial]
 ) -> dict[str, Any]:
     once = human + _trials({name: found[:1] for name, found in sessions.items()}, depths_m)
-    right, depth, kind, _ = zip(*once, strict=True)
+    right, depth, kind = zip(*once, strict=True)
     table = two_way(right, depth, kind, names=("depth", factor))
     groups = {} if isinstance(table, NotTestable) else {"depth": depth, factor: kind}
-    outcome, depths, kinds, session = zip(*_trials(sessions, depths_m), strict=True)
-    logit = mixed_logit(outcome, {"depth": depths, factor: kinds}, session)
     return {
         "as_in_the_paper": asdict(table),
         "bonferroni": {
             name: [asdict(pair) for pair in bonferroni(right, group)] for name, group in groups.items()
         },
-        "mixed_logit": asdict(logit) if isinstance(logit, NotTestable) else [asdict(e) for e in logit],
     }
 
 
@@ -182,7 +178,6 @@ def power_report(sessions: Mapping[str, Sequence[Outcomes]], class_count: int) -
             "intraclass": alike,
             "worth_of_300": _PUBLISHED_TRIALS / (1.0 + (_PUBLISHED_TRIALS - 1) * alike),
         }
-    base = PUBLISHED["fixed"]["overall"]
     return {
         "policies": policies,
         "needed": [
@@ -195,10 +190,6 @@ def power_report(sessions: Mapping[str, Sequence[Outcomes]], class_count: int) -
             for first, second in POWER_PAIRS
             for count in _TRIALS
         ],
-        "least_share": {
-            "independent": least_share(base, 0.0),
-            "of one session": least_share(base, policies["fixed_average"]["intraclass"]),
-        },
     }
 
 
@@ -223,14 +214,4 @@ def count_sessions(first: Float64Array, second: Float64Array, trials: int, wante
         # far out the noncentral t has no number; the normal law is as good there
         if (power if np.isfinite(power) else float(normal_power(effect, count, _LEVEL))) >= wanted:
             return count
-    return None
-
-
-def least_share(base: float, correlation: float, wanted: float = 0.8) -> float | None:
-    """Return the least share that 300 trials of each way resolve from ``base``; None: not even 1."""
-    effect = 1.0 + (_PUBLISHED_TRIALS - 1) * correlation
-    for share in np.arange(base, 1.0 + 1e-9, 0.001):
-        variance = (base * (1.0 - base) + share * (1.0 - share)) * effect / _PUBLISHED_TRIALS
-        if normal_power(share - base, 1, _LEVEL, sigma=np.sqrt(variance)) >= wanted:
-            return float(share)
     return None

@@ -8,13 +8,12 @@ from typing import Any
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.studies.paper import figures
 from palp_core.palpation.studies.paper.cases import (
-    READINGS,
     judge_scenes,
     paper_case,
     positions,
     why_report,
 )
-from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
+from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6
 from palp_core.palpation.studies.paper.statistics import analyses, comparisons, iterations, power_report
 from palp_core.palpation.studies.parallel import Runner
 from palp_core.palpation.studies.plan import Conditions, Gel
@@ -76,9 +75,7 @@ def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float
     ordered = [*POLICIES[:at], "fixed_average", *POLICIES[at:]]
     return {
         "policies": {name: average if name == "fixed_average" else lines[name] for name in ordered},
-        "readings_of_4_and_5": {name: summarise(sessions[name], depths_m) for name in READINGS},
         "published": PUBLISHED,
-        "statements_from_published_counts": [asdict(one) for one in statements()],
         "analyses_of_variance": analyses(sessions, depths_m),
         "iterations": iterations(sessions["markov"], depths_m),
         "comparisons": comparisons(sessions, average["per_session"]),
