@@ -1,10 +1,10 @@
-"""How fast bags are written and read compared with ``mcap`` and ``rosbags``, in one run.
+"""How fast bags are written and read compared with ``mcap``, in one run.
 
 Every ratio is of the same bytes on the same machine in interleaved rounds, above 1 where palp is faster:
-recording whole wire frames (parsed, accounted for) against the bare ``mcap`` writer and ``rosbags``' writer
-given ready payloads; reading typed messages against the bare ``mcap`` reader with CRCs plus a msgpack
-decode. The two writers are also compared alone, each closing a chunk every half second of the recording, as
-a bag does: bytes, and what ``palp bag recover`` gets of a file without end whose first chunk is damaged.
+recording whole wire frames (parsed, accounted for) against the bare ``mcap`` writer given ready payloads;
+reading typed messages against the bare ``mcap`` reader with CRCs plus a msgpack decode. The two writers are
+also compared alone, each closing a chunk every half second of the recording, as a bag does: bytes, and what
+``palp bag recover`` gets of a file without end whose first chunk is damaged.
 
 Run: .venv/bin/python benchmarks/bags.py [--quick] [--json]
 """
@@ -28,8 +28,6 @@ import msgpack
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosWriter
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.file_reader import FileReader
@@ -95,18 +93,6 @@ def record_mcap(path: Path, frames: list[tuple[int, bytes]]) -> None:
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def record_rosbags(folder: Path, frames: list[tuple[int, bytes]]) -> None:
-    """Write the payloads with rosbags' writer, to MCAP."""
-    shutil.rmtree(folder, ignore_errors=True)
-    offset = len(NAME) + 33
-    with RosWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection(
-            NAME, "palp_msgs/msg/TorqueBlock", msgdef="int64 x", rihs01="RIHS01_0"
-        )
-        for now_ns, frame in frames:
-            writer.write(connection, now_ns, frame[offset:])
-
-
 def read_mcap(path: Path) -> None:
     """Read with the bare mcap reader, CRCs checked, and decode with msgpack."""
     with path.open("rb") as file:
@@ -126,7 +112,6 @@ def throughput(folder: Path, count: int, rounds: int) -> dict[str, float]:
     work: dict[str, Callable[[], None]] = {
         "record": lambda: record(folder / "palp", frames),
         "record_mcap": lambda: record_mcap(folder / "bare.mcap", frames),
-        "record_rosbags": lambda: record_rosbags(folder / "ros", frames),
         "read": lambda: exhaust(folder / "palp"),
         "read_mcap": lambda: read_mcap(folder / "palp/palp_0.mcap"),
     }

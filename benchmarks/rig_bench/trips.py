@@ -28,11 +28,11 @@ GIVE_UP_NS = 5_000_000_000
 
 
 @contextmanager
-def running(*, single_line: bool = False) -> Iterator[RunningRig]:
+def running() -> Iterator[RunningRig]:
     """Run the rig for a while."""
     with (
         tempfile.TemporaryDirectory(prefix="palp-bench-") as folder,
-        RunningRig(Path(folder), *SHORT, single_line=single_line) as rig,
+        RunningRig(Path(folder), *SHORT) as rig,
     ):
         rig.put_on()
         yield rig
@@ -108,9 +108,7 @@ def acknowledged(rig: RunningRig) -> bool:
     return not rig.safety()["cause"]
 
 
-def deaths(
-    nodes: tuple[str, ...] = NODES, repeats: int = 1, single_line: bool = False
-) -> dict[str, dict[str, Any]]:
+def deaths(nodes: tuple[str, ...] = NODES, repeats: int = 1) -> dict[str, dict[str, Any]]:
     """Return how long after a signal to a node the stage rests, in ms, per node and signal.
 
     Each is the worst of the repeats, with how far the sweep went on in mm.
@@ -118,7 +116,7 @@ def deaths(
     found: dict[str, dict[str, Any]] = {}
     for node in nodes:
         for number in (signal.SIGKILL, signal.SIGSTOP):
-            rows = [death(node, number, single_line) for _ in range(repeats)]
+            rows = [death(node, number) for _ in range(repeats)]
             worst = {
                 "rest_ms": round(max(row[0] for row in rows), 1),
                 "beyond_mm": round(max(row[1] for row in rows), 2),
@@ -128,12 +126,12 @@ def deaths(
     return found
 
 
-def death(node: str, number: signal.Signals, single_line: bool = False) -> tuple[float, float]:
+def death(node: str, number: signal.Signals) -> tuple[float, float]:
     """Return how long after a signal to a node in a sweep the stage rests, in ms, and its way in mm.
 
     Several processes at once: their names with ``+`` between them.
     """
-    with running(single_line=single_line) as rig:
+    with running() as rig:
         rig.until(lambda: permitted(rig) and rig.sweeping(), "sweep")
         before = rig.stage.axes()
         rig.signal(number, *node.split("+"))
