@@ -1,7 +1,6 @@
 """What a scene is asked for: peak, contrast, trace, separation of depths, and decisions between them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,21 +42,15 @@ def separation_n_m(peaks_n_m: Sequence[float]) -> float:
     return float(np.min(np.diff(np.sort(np.asarray(peaks_n_m, dtype=np.float64)))))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Scatter:
-    """What makes one palpation differ from the next; for ``decision``."""
-
-    ring_m: float = 0.0003  # Half-range of the ring's error, uniform; published
-    # Standard deviation of the mounting's height; assumed, set down by hand against a stop
-    height_m: float = 0.0001
-    # Standard deviation of a peak's reading; assumed, one step of the sensor's resolution
-    torque_n_m: float = RESOLUTION_N_M
-    training_count: int = 25  # Palpations per depth that the normals are fitted to; published
-    trial_count: int = 2000  # Decisions drawn
+# What makes one palpation differ from the next, for ``decision``.
+_RING_M = 0.0003  # half-range of the ring's error, uniform; published
+_HEIGHT_M = 0.0001  # standard deviation of a mounting's height; assumed, set down by hand against a stop
+_TRAINING_COUNT = 25  # palpations per depth that the normals are fitted to; published
+_TRIAL_COUNT = 2000  # decisions drawn
 
 
 def decisions(
-    models: Sequence[ContactModel], scene: Scene, rng: np.random.Generator, scatter: Scatter | None = None
+    models: Sequence[ContactModel], scene: Scene, rng: np.random.Generator
 ) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
     """Return which depth each palpation would be taken for, shape (rings, trials).
 
@@ -65,42 +58,37 @@ def decisions(
     its training; the largest likelihood wins. The same ``rng`` state gives the same draws whatever the
     models.
     """
-    spread = scatter or Scatter()
     count = len(models)
-    made = np.empty((len(scene.ring_m), spread.trial_count), dtype=np.int64)
+    made = np.empty((len(scene.ring_m), _TRIAL_COUNT), dtype=np.int64)
     for i, ring_m in enumerate(scene.ring_m):
-        response = np.array([_response(model, scene, ring_m, spread) for model in models])
+        response = np.array([_response(model, scene, ring_m) for model in models])
 
         def draw(
             of: np.ndarray[tuple[int], np.dtype[np.int64]], table: Float64Array = response
         ) -> Float64Array:
             size = of.size
-            peak: Float64Array = table[of, 0] + spread.torque_n_m * rng.standard_normal(size)
+            peak: Float64Array = table[of, 0] + RESOLUTION_N_M * rng.standard_normal(size)
             peak += table[of, 1] * rng.uniform(-1.0, 1.0, size)
             peak += table[of, 2] * rng.standard_normal(size)
             return peak
 
-        training = draw(np.repeat(np.arange(count), spread.training_count)).reshape(count, -1)
+        training = draw(np.repeat(np.arange(count), _TRAINING_COUNT)).reshape(count, -1)
         mean, sd = training.mean(axis=1)[:, None], training.std(axis=1, ddof=1)[:, None]
-        peaks = draw(np.arange(spread.trial_count) % count)
+        peaks = draw(np.arange(_TRIAL_COUNT) % count)
         made[i] = np.argmax(-0.5 * ((peaks - mean) / sd) ** 2 - np.log(sd), axis=0)
     return made
 
 
-def _response(
-    model: ContactModel, scene: Scene, ring_m: float, spread: Scatter
-) -> tuple[float, float, float]:
+def _response(model: ContactModel, scene: Scene, ring_m: float) -> tuple[float, float, float]:
     """Return the peak, and by how much ring error and mounting move it."""
     stage, depth = grid_m(scene, 0.0005), scene.path.indentation_m
 
     def peak(ring: float, indentation: float) -> float:
         return peak_n_m(sweep(model, scene.probe, ring, indentation, stage))
 
-    lower = max(ring_m - spread.ring_m, 0.0)  # a ring at the pivot has nowhere lower to go
-    by_ring = (peak(ring_m + spread.ring_m, depth) - peak(lower, depth)) * (
-        spread.ring_m / (ring_m + spread.ring_m - lower)
-    )
-    by_height = 0.5 * (peak(ring_m, depth + spread.height_m) - peak(ring_m, depth - spread.height_m))
+    lower = max(ring_m - _RING_M, 0.0)  # a ring at the pivot has nowhere lower to go
+    by_ring = (peak(ring_m + _RING_M, depth) - peak(lower, depth)) * (_RING_M / (ring_m + _RING_M - lower))
+    by_height = 0.5 * (peak(ring_m, depth + _HEIGHT_M) - peak(ring_m, depth - _HEIGHT_M))
     return peak(ring_m, depth), by_ring, by_height
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from palp_core.methods import outside
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
+from palp_core.palpation.mechanics.equilibrium.dynamics import simulate
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import SceneChoice, choose_rung, rung_model
@@ -49,7 +49,7 @@ class SceneRun:
 def _swept(model: ContactModel, scene: Scene, stage_m: Float64Array, *, moving: bool) -> tuple[Sweep, ...]:
     """Return one sweep per ring position, with inertia where the scene needs it."""
     if moving:
-        return dynamic_sweeps(model, scene.probe, scene.ring_m, scene.path, stage_m)
+        return _dynamic_sweeps(model, scene.probe, scene.ring_m, scene.path, stage_m)
     depth_m = scene.path.indentation_m
     return tuple(sweep(model, scene.probe, ring_m, depth_m, stage_m) for ring_m in scene.ring_m)
 
@@ -86,22 +86,15 @@ def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
     )
 
 
-def dynamic_sweeps(
-    model: ContactModel,
-    probe: Probe,
-    ring_m: Sequence[float],
-    path: StagePath,
-    stage_m: Float64Array,
-    dynamics: Dynamics | None = None,
+def _dynamic_sweeps(
+    model: ContactModel, probe: Probe, ring_m: Sequence[float], path: StagePath, stage_m: Float64Array
 ) -> tuple[Sweep, ...]:
     """Return one sweep per ring position, the joint's inertia and implicit friction included.
 
     Between time steps angle, torque and normal force are read off linearly; contact and place follow from the
     angle.
     """
-    moved = simulate(
-        model, probe, ring_m, path.indentation_m, path.from_m, path.to_m, path.speed_m_s, dynamics
-    )
+    moved = simulate(model, probe, ring_m, path.indentation_m, path.from_m, path.to_m, path.speed_m_s)
     order = slice(None) if path.to_m > path.from_m else slice(None, None, -1)
 
     def read(values: Float64Array) -> Float64Array:
