@@ -210,6 +210,13 @@ def test_the_frames_are_the_same_however_the_nodes_are_split(workspace: str, gro
     assert whole_run(workspace, Split(GRAPH, groups, workspace)) == whole_run(workspace)
 
 
+def test_without_what_nodes_consume_a_run_is_the_same(workspace: str) -> None:
+    whole = whole_run(workspace)
+    without = whole_run(workspace, Composition(GRAPH, workspace, keep_orders=False))
+    assert without == [seen for seen in whole if not parse(seen[1]).topic.endswith("/_order")]
+    assert len(without) < len(whole)
+
+
 def test_messages_of_one_instant_come_by_topic_and_sequence_after_the_timers(workspace: str) -> None:
     conductor, seen = conduct(GRAPH, workspace)
     conductor.activate()

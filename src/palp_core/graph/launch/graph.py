@@ -113,7 +113,7 @@ class Graph:
         self._started, self._name, self._resume = started, name, resume
         self._compose = compose
         self._levels, self._show_log = levels_of(log_level), show_log
-        self._observe = observe or (lambda *_: None)
+        self._is_observed, self._observe = observe is not None, observe or (lambda *_: None)
         self._overrides = [*overrides, *(f"{name}:={_scalar(value)}" for name, value in args.items())]
         self._stack = contextlib.ExitStack()
         self._interrupt = Interrupt()
@@ -199,7 +199,15 @@ class Graph:
 
         server.close()
         least, capture = self._levels.least_logged, self._show_log is not None
-        nodes = stack.enter_context(composed(self.checked, self.directory, least, capture=capture))
+        nodes = stack.enter_context(
+            composed(
+                self.checked,
+                self.directory,
+                least,
+                capture=capture,
+                keep_orders=self._is_observed or self.recorders.in_launcher,
+            )
+        )
         return LockstepRun(nodes, self.checked, self._show, self._between_instants)
 
     def _start(self, stack: contextlib.ExitStack, server: ForkServer) -> LockstepRun | WallRun:

@@ -40,6 +40,8 @@ POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few
 class Composition:
     """The nodes of a lockstep graph in this process.
 
+    With ``keep_orders`` each publishes what it consumes, for a bag that is to be replayed.
+
     Attributes:
         names: Of the nodes.
         processes: As a swap sees the nodes: all in this process.
@@ -52,13 +54,20 @@ class Composition:
     start_ns = 0
     exit_code: int | None = None
 
-    def __init__(self, specs: Sequence[NodeSpec], workspace: str, sockets: NodeSockets | None = None) -> None:
+    def __init__(
+        self,
+        specs: Sequence[NodeSpec],
+        workspace: str,
+        sockets: NodeSockets | None = None,
+        *,
+        keep_orders: bool = True,
+    ) -> None:
         self.names = [spec.name for spec in specs]
         self.clock = SimClock()
         self.swap: SharedRounds | None = None
         self.standbys = self
         self.processes = [ManagedProcess(spec, Path()) for spec in specs]
-        self._workspace, self._sockets = workspace, sockets
+        self._workspace, self._sockets, self._keep_orders = workspace, sockets, keep_orders
         self._round_count = 0
         self._standby_node: LockstepNode | None = None
         self.working = COMPOSITION
@@ -70,6 +79,7 @@ class Composition:
         ]
         for process, node in zip(self.processes, self._nodes, strict=True):
             process.matched = True
+            node.executor.journal.kept = keep_orders
             node.executor.transition(Transition.CONFIGURE)
             self._offer(node.executor)
 
@@ -131,6 +141,7 @@ class Composition:
                 fresh=fresh,
                 successor=True,
             )
+            self._standby_node.executor.journal.kept = self._keep_orders
             self._standby_node.executor.transition(Transition.CONFIGURE)
             standby.receive(Configured())
             standby.receive(Matched())
@@ -196,7 +207,12 @@ def _copied(message: ToSwapped) -> ToSwapped:
 
 @contextlib.contextmanager
 def composed(
-    checked: CheckedGraph, directory: RunDirectory, log_level: str = "info", *, capture: bool = False
+    checked: CheckedGraph,
+    directory: RunDirectory,
+    log_level: str = "info",
+    *,
+    capture: bool = False,
+    keep_orders: bool = True,
 ) -> Iterator[Composition]:
     """Compose a graph; tools find it in its run directory, and there is the log of all its nodes.
 
@@ -212,7 +228,7 @@ def composed(
         stack.callback(sockets.close)
         if capture:
             stack.enter_context(_captured(output, log, directory.log(COMPOSITION)))
-        composition = Composition(checked.nodes, checked.workspace, sockets)
+        composition = Composition(checked.nodes, checked.workspace, sockets, keep_orders=keep_orders)
         output.working = lambda: composition.working
         yield composition
 

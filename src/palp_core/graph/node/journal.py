@@ -17,6 +17,14 @@ SNAPSHOT_INTERVAL_NS = 10_000_000_000
 
 
 class Journal:
+    """What a node has consumed since the last batch.
+
+    Attributes:
+        kept: Whether it is published though nothing has subscribed to it.
+    """
+
+    kept = True
+
     def __init__(
         self, publisher: PublisherEnd[Order], sources: list[str], snapshot: Callable[[], bytes]
     ) -> None:
@@ -37,12 +45,19 @@ class Journal:
 
     def take_snapshot(self, now_ns: int) -> None:
         """Begin a new batch with a snapshot of the node."""
+        self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
+        if self._is_unread:
+            self.discard()
+            return
         if not self._begun:  # the node was taken over: its followers go on
             self._begun = True
             self._follow()
         self.flush(now_ns)
         self._hand_over = self._snapshot()
-        self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
+
+    @property
+    def _is_unread(self) -> bool:
+        return not (self.kept or self._publisher.greeted_count)
 
     def serve_follower(self, now_ns: int, *, active: bool) -> None:
         """Wall clock, ten times a second: publish what is new, and a place to start for a new follower."""
@@ -85,7 +100,7 @@ class Journal:
         """Publish the open batch, if there is anything in it, and begin the next one."""
         if not self.entries and not self._hand_over:
             return
-        if self._publisher.has_readers and not self._followed:
+        if self._is_unread or (self._publisher.has_readers and not self._followed):
             self.discard()  # a new follower does not know where this begins; it gets a place to start
             return
         source, epoch, sequence, at_ns = zip(*self.entries, strict=True) if self.entries else ((),) * 4

@@ -103,6 +103,11 @@ class Recorders:
         self._writers, self._bags, self._snapshots = [], [], []
 
     @property
+    def in_launcher(self) -> bool:
+        """Whether the launcher itself writes a bag."""
+        return bool(self._writers)
+
+    @property
     def complete(self) -> bool:
         """Nothing is missing in any of the bags."""
         return all(complete for complete, _ in self._results)
