@@ -3,6 +3,7 @@
 y runs along the sweep; z = 0 is the height of the sweep and z > 0 is away from the tissue.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from itertools import pairwise
@@ -197,15 +198,18 @@ def path_end_ns(state: SimStageState) -> int:
     return max((profile.end_ns for profile in _profiles(state)), default=state.start_ns)
 
 
+@functools.lru_cache(maxsize=8)  # a path is asked for at each block of poses, at its begin and at its end
+def _leg(length_m: float, speed: float, accel: float, start_ns: int, entry_speed: float) -> MotionProfile:
+    return MotionProfile(0.0, length_m, speed, accel, start_ns, entry_speed)
+
+
 def _profiles(state: SimStageState) -> list[MotionProfile]:
     """Return one profile per leg of the path, over the way along that leg from 0 to its length."""
     profiles: list[MotionProfile] = []
     start_ns, entry = state.start_ns, state.entry_speed_m_per_s
     corners = zip(pairwise(state.y_m), pairwise(state.z_m), state.speeds_m_per_s, strict=True)
     for (y0, y1), (z0, z1), speed in corners:
-        profile = MotionProfile(
-            0.0, math.hypot(y1 - y0, z1 - z0), speed, state.accel_m_per_s2, start_ns, entry
-        )
+        profile = _leg(math.hypot(y1 - y0, z1 - z0), speed, state.accel_m_per_s2, start_ns, entry)
         profiles.append(profile)
         start_ns, entry = profile.end_ns, 0.0
     return profiles
