@@ -41,6 +41,22 @@ def test_payloads_sequences_and_times_are_those_of_the_wire(tmp_path: Path, kit:
             assert (message.log_ns, message.publish_ns) == (now_ns, wire.stamp_ns)
 
 
+def test_of_files_that_are_no_longer_kept_the_account_has_how_much_they_held(
+    tmp_path: Path, kit: Any
+) -> None:
+    writer = BagWriter(tmp_path / "run", max_duration_ns=10, max_files=2)
+    with BagRecorder(writer, kit.TOPICS) as recorder:
+        for now_ns in range(100):
+            recorder(now_ns, mode(kit, now_ns + 1))
+    summary = recorder.close()
+    assert summary.topics[MODE].count + summary.topics[MODE].deleted == 100
+    assert summary.text() == "20 messages on 1 topic (80 older messages no longer kept), nothing missing"
+    info = bag_info(tmp_path / "run")
+    assert info.complete
+    assert info.topics[MODE].count == 20 + 1  # the latched one that the oldest file repeats
+    assert [message.sequence for message in read(tmp_path / "run")][-1] == 100
+
+
 BEAT, MOVED = Kind.HEARTBEAT, Kind.MOVED
 
 

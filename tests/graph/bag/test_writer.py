@@ -65,23 +65,31 @@ def test_the_mcap_package_reads_everything_with_its_crcs(tmp_path: Path, kit: An
     compression=st.sampled_from(["zstd", "lz4", "none"]),
     chunk_bytes=st.integers(1, 2000),
     max_bytes=st.sampled_from([0, 1500]),
+    max_files=st.sampled_from([0, 1, 2]),
 )
-def test_what_is_written_is_what_is_read(
+def test_what_is_written_is_what_is_read_of_the_files_that_are_kept(
     tmp_path_factory: pytest.TempPathFactory,
     messages: list[tuple[str, int, int, int, bytes]],
     compression: Any,
     chunk_bytes: int,
     max_bytes: int,
+    max_files: int,
 ) -> None:
     folder = tmp_path_factory.mktemp("law") / "run"
-    with BagWriter(folder, compression=compression, chunk_bytes=chunk_bytes, max_bytes=max_bytes) as writer:
+    with BagWriter(
+        folder, compression=compression, chunk_bytes=chunk_bytes, max_bytes=max_bytes, max_files=max_files
+    ) as writer:
         for name, sequence, log_ns, publish_ns, payload in messages:
             stream = writer.stream(Stream(topic=Topic(name=name), sequence_high=sequence >> 32))
             writer.write(stream, sequence, log_ns, publish_ns, payload)
+    deleted_count = sum(writer.deleted.values())
     with Bag(folder) as bag:
         assert [
             (m.stream.topic.name, m.sequence, m.log_ns, m.publish_ns, m.payload) for m in bag.recorded()
-        ] == messages
+        ] == messages[deleted_count:]
+        assert not bag.problems
+        assert len(bag.files) <= (max_files or len(bag.files))
+    assert max_files or not deleted_count
 
 
 def test_the_first_tick_closes_the_first_chunk_and_others_within_half_a_second(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def workspace(tmp_path: Path) -> Path:
     entry = (
         "  tape:\n    run: palp_core.graph.recording.recorder_node:Recorder\n"
         "    params: {out: $(var bag), exclude_regex: /progress$, required: $(var required), "
-        "snapshot_s: $(var keep_s)}\n"
+        "snapshot_s: $(var keep_s), snapshot_on_trouble: true}\n"
     )
     launch.write_text(text + entry)
     return launch
@@ -152,7 +152,9 @@ def test_a_killed_launcher_leaves_a_finished_bag(palp: Palp, tmp_path: Path) -> 
     assert info["accounted"]
 
 
-def test_recorders_write_the_last_seconds_on_request(palp: Palp, workspace: Path, tmp_path: Path) -> None:
+def test_recorders_write_the_last_seconds_on_request_and_after_a_crash(
+    palp: Palp, workspace: Path, tmp_path: Path
+) -> None:
     bag, other = tmp_path / "last", tmp_path / "other"
     graph = palp.start("launch", workspace, "count:=1000000", "keep_s:=5.0", f"bag:={bag}")
     wait_for_line(graph, "blocks: 1/")
@@ -167,13 +169,19 @@ def test_recorders_write_the_last_seconds_on_request(palp: Palp, workspace: Path
     times_ns = [m.log_ns for m in read(other, ["/source/sample"])]
     assert times_ns[-1] - times_ns[0] <= 300_000_000
     assert next(m.value.kind for m in read(other, ["/graph/events"])) == "started"  # latched
+    Running(palp).process("relay").kill()
+    Running(palp).until((bag.with_name("last-2") / "metadata.yaml").exists)
+    kinds = [m.value.kind for m in read(bag.with_name("last-2"), ["/graph/events"])]
+    assert kinds == ["started", "restarting", "restarted"]
     assert palp.here("graph", "end").returncode == 0
     ended(recorder, None)
-    out, _ = graph.communicate(timeout=PATIENCE_S)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
     assert graph.returncode == 130
-    assert re.findall(r"/(last[-1]*): [0-9]+ messages on [0-9]+ topics, nothing missing", out) == [
+    assert re.search(r"/relay: .*; the last 5 s are in .*last-2: [0-9]+ messages", errors)
+    assert re.findall(r"(?m)^/.*/(last[-0-9]*): [0-9]+ messages on [0-9]+ topics, nothing missing", out) == [
         "last",
         "last-1",
+        "last-2",
     ]
 
 

@@ -45,6 +45,7 @@ def record(
     max_bag_duration: Annotated[
         float, option("Seconds per file.", "--max-bag-duration", "-d", min=0.0)
     ] = 0.0,
+    max_bag_files: Annotated[int, option("Keep only the last N files.", metavar="N", min=0)] = 0,
     snapshot: Annotated[float, option("Keep S seconds until palp bag snapshot.", metavar="S", min=0.0)] = 0.0,
     compression: CompressionOption = "zstd",
     graph: GraphOption = None,
@@ -71,6 +72,7 @@ def record(
         exclude_regex=exclude_regex or "",
         max_bag_size=max_bag_size,
         max_bag_duration_s=max_bag_duration,
+        max_bag_files=max_bag_files,
         snapshot_s=snapshot,
         compression=compression,
     )

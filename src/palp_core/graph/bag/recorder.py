@@ -29,6 +29,7 @@ class TopicRecording(msgspec.Struct, frozen=True, kw_only=True):
         gaps: Which.
         repeated: Messages that came more than once; they are in the bag as they came.
         refused: Messages that a bag cannot hold: stamped before the graph's start.
+        deleted: Messages of the bag's oldest files, which are no longer kept.
         described: Its message type was known.
     """
 
@@ -37,6 +38,7 @@ class TopicRecording(msgspec.Struct, frozen=True, kw_only=True):
     gaps: list[Gap] = []
     repeated: int = 0
     refused: int = 0
+    deleted: int = 0
     described: bool = True
 
 
@@ -61,6 +63,8 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
         """Say per topic what is missing."""
         count = sum(topic.count for topic in self.topics.values())
         lines = [f"{counted(count, 'message')} on {counted(len(self.topics), 'topic')}"]
+        if deleted := sum(topic.deleted for topic in self.topics.values()):
+            lines[0] += f" ({counted(deleted, 'older message')} no longer kept)"
         for name, topic in self.topics.items():
             if topic.lost:
                 shown = ", ".join(
@@ -170,13 +174,14 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
     def summary(self) -> RecordingSummary:
         topics = {}
         for name, account in sorted(self._accounts.items()):
-            refused = self._refused.get(name, 0)
+            refused, deleted = self._refused.get(name, 0), self._writer.deleted[name]
             topics[name] = TopicRecording(
-                count=account.count,
+                count=max(account.count - deleted, 0),
                 lost=account.lost,
                 gaps=account.gaps,
                 repeated=account.repeated,
                 refused=refused,
+                deleted=deleted,
                 described=name in self._topics,
             )
         return RecordingSummary(topics=topics, unreadable=self._unreadable, silent=self.silent)

@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -40,7 +40,7 @@ def whole_folder(out: str | Path) -> Iterator[Path]:
 
 
 class BagWriter(AbstractContextManager["BagWriter"]):
-    """Writes a bag, in as many files as its limits ask for.
+    """Writes a bag, in as many files as its limits ask for; of more than ``max_files`` the oldest is deleted.
 
     Every file is complete: it repeats the definitions, the attachments and, on channels marked
     ``repeated``, the last messages of latched topics.
@@ -53,6 +53,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         compression: Compression = "zstd",
         max_bytes: int = 0,
         max_duration_ns: int = 0,
+        max_files: int = 0,
         chunk_bytes: int = CHUNK_BYTES,
         custom: Mapping[str, str] | None = None,
     ) -> None:
@@ -60,6 +61,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._compression: Compression = compression
         self._max_bytes = max_bytes or _NEVER
         self._max_duration_ns = max_duration_ns
+        self._max_files = max_files
+        self.deleted = Counter[str]()  # messages by topic, of files that are no longer kept
         self._chunk_bytes = min(chunk_bytes, max_bytes) if max_bytes else chunk_bytes
         self._custom = dict(custom or {})
         self._streams: list[Stream] = []
@@ -68,7 +71,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._latched: dict[int, deque[tuple[int, int, int, bytes]]] = {}
         self._latched_topics: dict[str, deque[tuple[int, int, int, bytes]]] = {}
         self._parts: list[FilePart] = []
-        self._totals: dict[int, int] = {}
+        self._counts: deque[dict[int, int]] = deque()  # messages by stream, of each part
+        self._opened_count = 0
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
         self._tick_ns: int | None = None
         self._closed = False
@@ -153,7 +157,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         topics: dict[str, tuple[Topic, str, int]] = {}
         for number, stream in enumerate(self._streams, start=1):
             if not stream.repeated:
-                count = self._totals.get(number, 0) + topics.get(stream.topic.name, (None, "", 0))[2]
+                count = sum(counts.get(number, 0) for counts in self._counts)
+                count += topics.get(stream.topic.name, (None, "", 0))[2]
                 topics[stream.topic.name] = (stream.topic, stream.encoding, count)
         write_metadata(self.folder, topics, self._parts, self._custom)
 
@@ -163,7 +168,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._file.abandon()
 
     def _open(self) -> None:
-        path = self.folder / f"{self.folder.name}_{len(self._parts)}.mcap"
+        path = self.folder / f"{self.folder.name}_{self._opened_count}.mcap"
+        self._opened_count += 1
         self._file = FileWriter(path, self._compression, self._chunk_bytes)
         self._split_ns = _NEVER
         for number in range(1, len(self._streams) + 1):
@@ -187,6 +193,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
 
     def _split(self, log_ns: int) -> FileWriter:
         self._close_file()
+        self._delete_oldest()
         self._open()
         self._repeat_latched(log_ns)
         return self._file
@@ -194,9 +201,15 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     def _close_file(self) -> None:
         file = self._file
         file.close()
-        count = 0
-        for number, written in file.counts.items():
-            self._totals[number] = self._totals.get(number, 0) + written
-            if not self._streams[number - 1].repeated:
-                count += written
+        streams = self._streams
+        count = sum(n for number, n in file.counts.items() if not streams[number - 1].repeated)
         self._parts.append(FilePart(file.path.name, file.start_ns, file.end_ns, count))
+        self._counts.append(dict(file.counts))
+
+    def _delete_oldest(self) -> None:
+        while self._max_files and len(self._parts) >= self._max_files:
+            (self.folder / self._parts.pop(0).name).unlink(missing_ok=True)
+            for number, count in self._counts.popleft().items():
+                stream = self._streams[number - 1]
+                if not stream.repeated:
+                    self.deleted[stream.topic.name] += count

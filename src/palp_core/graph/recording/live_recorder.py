@@ -2,20 +2,23 @@
 
 import contextlib
 import json
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.errors import BagError, GraphError
+from palp_core.errors import BagError, GraphError, SchemaMismatch
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.graph_reader import KIND_OFFSET
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages.frame import Kind
+from palp_core.graph.discovery.troubles import ERROR, OK, level_of
+from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent
+from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.recording.live_feed import (
     ANSWER_NS,
@@ -28,6 +31,8 @@ from palp_core.graph.recording.live_feed import (
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
 from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, snapshot_name
 
+AFTERMATH_NS = 1_000_000_000
+"""How long after a trouble its snapshot is written, so that what followed is in it, too."""
 WAIT_MS = 50
 ANSWER_S = 0.5
 NOTE_WAITING_NS = 5_000_000_000
@@ -117,6 +122,16 @@ class LiveRecorder:
         summary = recorder.close()
         self._saved_count += 1
         return f"{out}: {summary.text()}"
+
+    def save_trouble(self, *, at_once: bool = False) -> str:
+        """Write what is kept if a trouble has been seen a while ago; return what happened and the account."""
+        sink = self._sink
+        if not (self._params.snapshot_on_trouble and isinstance(sink, SnapshotRecorder) and sink.trouble):
+            return ""
+        if not at_once and monotonic_ns() < sink.trouble_ns + AFTERMATH_NS:
+            return ""
+        trouble, sink.trouble = sink.trouble, ""
+        return f"{trouble}; the last {self._params.snapshot_s:g} s are in {self.save()}"
 
     def abandon(self) -> None:
         self._sink.abandon()
@@ -209,6 +224,7 @@ class SnapshotRecorder(BagRecorder):
         self._frames: deque[tuple[int, bytes]] = deque()
         self._latched_topics = frozenset(topic.name.encode() for topic in topics if topic.latched_depth)
         self._latched: dict[bytes, tuple[int, bytes]] = {}
+        self.trouble, self.trouble_ns = "", 0  # the first since the last snapshot; when it was seen
 
     def describe(self, topic: Topic) -> None:
         super().describe(topic)
@@ -221,14 +237,30 @@ class SnapshotRecorder(BagRecorder):
     def __call__(self, now_ns: int, frame: bytes) -> None:
         """Keep a frame and forget those that are too old."""
         super().__call__(now_ns, frame)
-        kind = frame.find(0) + KIND_OFFSET
-        if kind < len(frame) and frame[kind] == Kind.DATA:
+        try:
+            parsed = parse(frame)
+        except SchemaMismatch:
+            return
+        if parsed.kind == Kind.DATA:
             self._frames.append((now_ns, frame))
+            if parsed.type_hash in _REPORTS and not self.trouble:
+                self._note_trouble(parsed)
         while self._frames and self._frames[0][0] < now_ns - self._duration_ns:
             old = self._frames.popleft()
             topic = old[1].partition(b"\0")[0]
             if topic in self._latched_topics:
                 self._latched[topic] = old
+
+    def _note_trouble(self, frame: Frame) -> None:
+        """Note a status that is an error, and the launcher's bad news."""
+        try:
+            report = decode(_REPORTS[frame.type_hash], frame.payload)
+        except SchemaMismatch:
+            return
+        level = level_of(report)
+        if level == ERROR or (level != OK and isinstance(report, GraphEvent)):
+            node = report.node if isinstance(report, GraphEvent) else frame.topic.split("/")[1]
+            self.trouble, self.trouble_ns = f"/{node}: {report.text}", monotonic_ns()
 
     def save(self, recorder: BagRecorder) -> None:
         """Give the frames to a recorder that does not expect sequence 1, the latched values first."""
@@ -236,8 +268,15 @@ class SnapshotRecorder(BagRecorder):
             recorder(now_ns, frame)
 
 
+_REPORTS: dict[int, type[DiagnosticStatus | GraphEvent]] = {
+    schema_of(kind).type_hash: kind for kind in (DiagnosticStatus, GraphEvent)
+}
+
+
 class _NoBag:
     """In a writer's place: nothing is written yet."""
+
+    deleted: Mapping[str, int] = Counter()
 
     def stream(self, *_: object) -> int:
         return 0

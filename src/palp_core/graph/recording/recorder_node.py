@@ -10,9 +10,11 @@ from palp_core.errors import BagError, GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.message import Message
+from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.node import Node
-from palp_core.graph.node.ports import Alarm, Srv, on, serve
+from palp_core.graph.node.ports import Alarm, Pub, Srv, on, serve
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_params import RecorderParams
 
@@ -38,6 +40,7 @@ class Recorder(Node):
     params: RecorderParams
 
     save = Srv(SaveSnapshot, SnapshotSaved)
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
     arrival, turn = Alarm(), Alarm()
 
     _recorder: LiveRecorder | None = None
@@ -67,6 +70,19 @@ class Recorder(Node):
             self.arrival.set(self.now_ns() + LONGEST_WAIT_NS, descriptors)
         else:
             self.gather()
+        self._save_trouble()
+
+    def _save_trouble(self, *, at_once: bool = False) -> None:
+        """Write what is kept after a trouble; the launcher enters it among the run's incidents."""
+        assert self._recorder is not None
+        try:
+            text = self._recorder.save_trouble(at_once=at_once)
+        except BagError as error:
+            text = str(error)
+        if text:
+            self.log.warning("%s", text)
+            for level, shown in (("warn", text), ("ok", "")):
+                self.diagnostics.publish(DiagnosticStatus(stamp_ns=self.now_ns(), level=level, text=shown))
 
     @serve(save)
     def save_snapshot(self, _: SaveSnapshot) -> SnapshotSaved:
@@ -85,6 +101,7 @@ class Recorder(Node):
     def on_deactivate(self) -> None:
         """Finish the bag with what is still on its way."""
         if self._recorder is not None:
+            self._save_trouble(at_once=True)
             recorder, self._recorder = self._recorder, None
             self.log.info("%s", recorder.close(patient=True).text())
 

@@ -23,7 +23,9 @@ class RecorderParams(Params):
         exclude_regex: Topics in which it is found are not.
         max_bag_size: Bytes of a file, after which another is begun; 0: one file.
         max_bag_duration_s: The same by time.
+        max_bag_files: Of so many files the oldest is deleted before another is begun; 0: all are kept.
         snapshot_s: Keep so much in memory and write it on ``palp bag snapshot``; 0: write at once.
+        snapshot_on_trouble: Also write it when a node reports an error, fails or is not swapped as asked.
         required: The graph ends if the recorder does.
     """
 
@@ -33,7 +35,9 @@ class RecorderParams(Params):
     exclude_regex: ReadOnly[str] = ""
     max_bag_size: ReadOnly[Count] = 0
     max_bag_duration_s: ReadOnly[Seconds] = 0.0
+    max_bag_files: ReadOnly[Count] = 0
     snapshot_s: ReadOnly[Seconds] = 0.0
+    snapshot_on_trouble: ReadOnly[bool] = False
     compression: ReadOnly[Literal["zstd", "lz4", "none"]] = "zstd"
     required: ReadOnly[bool] = False
 
@@ -51,6 +55,7 @@ class RecorderParams(Params):
             compression=self.compression,
             max_bytes=self.max_bag_size,
             max_duration_ns=round(self.max_bag_duration_s * 1e9),
+            max_files=self.max_bag_files,
             custom={"start_unix_ns": str(unix_ns())},
         )
 
