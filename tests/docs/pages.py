@@ -7,7 +7,8 @@ A block of ``sh``, ``python`` or ``yaml`` is run unless a comment directly befor
 ``sh`` is typed into bash, ``python`` given to the interpreter. A block of any language whose first line is
 ``# name.ext`` is a file: it is written, and other blocks use it. ``<!-- background -->`` before a block of
 ``sh`` keeps it running while the next ones run, as in a second terminal. A block of ``output`` is the output
-of the block before: each of its lines must be in it, in this order; ``...`` is for what differs.
+of the block before: each of its lines must be in it, in this order; ``...`` is for what differs. After
+``<!-- numbers differ -->`` a number of the page is any number, and a run of blanks any other.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 RUN = ("sh", "python", "yaml")
 _BLOCK = re.compile(r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$", re.M | re.S)
-_COMMENT = re.compile(r"<!-- (?P<word>not run|background)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
+_COMMENT = re.compile(r"<!-- (?P<word>not run|background|numbers differ)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
+_NUMBER, _BLANKS = re.compile(r"\d+(?:\\\.\d+)?(?:e(?:\\-)?\d+)?"), re.compile(r"(?:\\ )+")
+"""In a text that is escaped for a regular expression."""
 _FILE = re.compile(r"\A# ([\w./-]+\.\w+)\n")
 ALONE = ("docs/tutorial/", "docs/how_to/", "reference/")
 """Pages whose reader has an installed palp and no checkout."""
@@ -44,6 +47,7 @@ class Block:
         text: Its content.
         why_not: Why it is not run; "": it is.
         background: It keeps running while the next ones run.
+        numbers_differ: Each of its numbers stands for any other.
     """
 
     line: int
@@ -51,6 +55,7 @@ class Block:
     text: str
     why_not: str = ""
     background: bool = False
+    numbers_differ: bool = False
 
     @property
     def file(self) -> str:
@@ -65,9 +70,10 @@ def blocks(text: str) -> Iterator[Block]:
         before, indent = text[: found.start()], found["indent"]
         comment = _COMMENT.search(before)
         inner = "".join(line.removeprefix(indent) for line in found["text"].splitlines(keepends=True))
-        why_not = comment["why"] or "" if comment and comment["word"] == "not run" else ""
-        background = comment is not None and comment["word"] == "background"
-        yield Block(before.count("\n") + 1, found["language"], inner, why_not, background)
+        word = comment["word"] if comment else ""
+        why_not = comment["why"] or "" if comment and word == "not run" else ""
+        line = before.count("\n") + 1
+        yield Block(line, found["language"], inner, why_not, word == "background", word == "numbers differ")
 
 
 class Reader:
@@ -160,8 +166,10 @@ class Reader:
     def _compare(self, block: Block, printed: str) -> None:
         rest = iter(printed.splitlines())
         for wanted in filter(None, map(str.strip, block.text.splitlines())):
-            form = re.compile(".*?".join(map(re.escape, wanted.split("..."))))
-            found = any(form.fullmatch(line.strip()) for line in rest)
+            form = ".*?".join(map(re.escape, wanted.split("...")))
+            if block.numbers_differ:
+                form = _BLANKS.sub(r"\\s+", _NUMBER.sub(r"\\d+(?:\\.\\d+)?(?:e-?\\d+)?", form))
+            found = any(re.fullmatch(form, line.strip()) for line in rest)
             assert found, f"{self._name}:{block.line}: not printed: '{wanted}' in\n{printed}"
 
     def _end(self) -> None:
