@@ -89,7 +89,7 @@ def test_what_is_wrong_is_on_the_page_as_text_and_a_node_that_joins() -> None:
 
 def test_the_example_of_the_docs_is_a_page_of_ones_own() -> None:
     code = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs/how_to/live_page.md").read_text(encoding="utf-8"), re.DOTALL
+        r"```python\n(.*?)```", (ROOT / "docs/how_to/own_page.md").read_text(encoding="utf-8"), re.DOTALL
     )[0]
     assert len(code.splitlines()) <= 36
     names: dict[str, Any] = {}

@@ -196,7 +196,7 @@ def test_every_mistake_has_its_place_and_a_fix(
 def test_the_documented_map_is_the_examples_and_has_no_mistake(palp: Palp) -> None:
     file = ROOT / "examples/interop/ros2_map.py"
     page, example = (ROOT / "docs/how_to/ros2.md").read_text("utf-8"), file.read_text("utf-8")
-    for part in page.partition("```python\n")[2].partition("```")[0].split("\n\n\n"):
+    for part in page.split("```python\n")[2].partition("```")[0].split("\n\n\n"):
         assert part.strip() in example
     checked = palp.run("bridge", "ros2", file, "--check")
     assert (checked.returncode, checked.stderr) == (0, "")
