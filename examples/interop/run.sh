@@ -12,7 +12,7 @@ trap 'kill "$launched" 2>/dev/null; wait "$launched" || true; rm -r "$XDG_RUNTIM
 until "$palp" topic echo /sensor/torque --once >"$XDG_RUNTIME_DIR/first" 2>&1; do
     kill -0 "$launched" || { cat "$XDG_RUNTIME_DIR/said"; exit 1; }
 done
-graph=$(echo "$XDG_RUNTIME_DIR"/palp/*/graph.json) # docs/wire.md: where a graph is
+graph=$(echo "$XDG_RUNTIME_DIR"/palp/*/graph.json) # docs/reference/wire.md: where a graph is
 
 for client in "$python $here/python/%s.py" "node $here/node/%s.mjs"; do
     [ "${client%% *}" != node ] || { command -v node && [ -d "$here/node/node_modules" ]; } >/dev/null || continue # npm install
