@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from msgs.actuator import RingCommand, RingState
+from msgs.emg import EmgBlock
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Mount, Trial
+from msgs.torque import TorqueBlock
 from palp_core.units import Float64Array
 
 DEPTHS_M = np.array([0.002, 0.004, 0.008])
@@ -68,3 +70,15 @@ def ring_state(ring_m: float, number: int = 0, iteration: int = 1, **fields: Any
 def mount(code: str, remount: int = 0) -> Mount:
     """Return a mounting of a phantom."""
     return Mount(stamp_ns=0, code=code, remount=remount)
+
+
+def block(torque_n_m: Float64Array, start: int = 0, **fields: Any) -> TorqueBlock:
+    """Return a block of torque over the phantom at 1 kHz, from a sample on."""
+    shown: dict[str, Any] = {"start_ns": start * 1_000_000, "over_phantom": True, **fields}
+    return TorqueBlock(stamp_ns=0, rate_hz=1000.0, saturated_count=0, torque_n_m=torque_n_m, **shown)
+
+
+def emg_block(start_ns: int, phase: str, fds_v: Float64Array, edc_v: Float64Array, **fields: Any) -> EmgBlock:
+    """Return a block of both muscles' EMG, at 1500 Hz unless another rate is given."""
+    shown: dict[str, Any] = {"stamp_ns": start_ns, "rate_hz": 1500.0, **fields}
+    return EmgBlock(start_ns=start_ns, phase=phase, fds_v=fds_v, edc_v=edc_v, **shown)

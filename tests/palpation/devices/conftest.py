@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+from palp_core.palpation.devices.contract import Subject
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
+from palp_core.palpation.devices.registry import kind_of
 
 QUICK = RigSettings(
     y_axis=AxisSettings(home_s=0.02),
@@ -62,5 +65,16 @@ def quick_rig() -> Iterator[Callable[..., EmulatedRig]]:
 
 
 @pytest.fixture
-def quick_settings() -> RigSettings:
-    return QUICK
+def driver(
+    quick_rig: Callable[..., EmulatedRig], patient: dict[str, dict[str, Any]]
+) -> Iterator[Callable[..., Subject]]:
+    """Open drivers of devices of emulated rigs, patient ones, and close them at the end."""
+    with contextlib.ExitStack() as opened:
+
+        def open_driver(rig: EmulatedRig, name: str, **options: Any) -> Subject:
+            given = rig.options[name] | patient[name] | options
+            subject = opened.enter_context(Subject(kind_of(name), name, given, patience_s=120.0))
+            subject.call("open")
+            return subject
+
+        yield open_driver

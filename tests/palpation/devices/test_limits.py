@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-import time
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -13,6 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.contract import Subject
 from palp_core.palpation.devices.limits import (
     CLEARANCE_M,
     DutyCycle,
@@ -21,7 +22,7 @@ from palp_core.palpation.devices.limits import (
     check_lift,
 )
 from palp_core.palpation.devices.registry import open_device
-from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
+from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.unverified import UnverifiedWarning
 
@@ -124,30 +125,25 @@ def test_many_short_runs_cost_a_look_each(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_ring_waits_for_its_motor_to_have_rested_and_so_does_its_successor(
-    quick_rig: Any, patient: dict[str, Any]
+    quick_rig: Any, driver: Callable[..., Subject]
 ) -> None:
-    options = {**quick_rig("maestro").options["maestro"], **patient["maestro"]}
-    options |= {"duty": 0.02, "duty_window_s": 50.0}
-    ring, state = MaestroRing(**options), MaestroState()
-    ring.open(time.monotonic_ns(), state, RNG)
-    now_ns = time.monotonic_ns()
-    settled_ns = ring.command(0.0045, now_ns, state, RNG)  # 0.9 s; 0.2 of the 1 s went into homing
-    assert settled_ns > now_ns + 30_000_000_000
-    waits = ring.read(time.monotonic_ns(), state).waits
+    ring = driver(quick_rig("maestro"), "maestro", duty=0.02, duty_window_s=50.0)
+    now_ns = ring.now()
+    assert ring.call("command", 0.0045) > now_ns + 30_000_000_000  # 0.9 s; 0.2 of the 1 s went into homing
+    waits = ring.call("read").waits
     assert re.fullmatch(r"its motor may run 2 % of the time alone, and waits \d+ s more", waits)
-    assert ring.command(0.001, time.monotonic_ns(), state, RNG) < now_ns + 20_000_000_000  # takes its place
-    ring.stop(time.monotonic_ns(), state)
-    assert ring.read(time.monotonic_ns(), state).waits == ""
-    ring.close()
-    inherited = msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=MaestroState)
-    assert inherited.runs == state.runs
-    second, now_ns = MaestroRing(**options), time.monotonic_ns()
-    second.open(now_ns, inherited, RNG)
-    assert second.command(0.0045, now_ns, inherited, RNG) > now_ns + 20_000_000_000
-    second.close()
+    assert ring.call("command", 0.001) < now_ns + 20_000_000_000  # takes its place
+    ring.call("stop")
+    assert ring.call("read").waits == ""
+    ring.device.close()
+    inherited = msgspec.msgpack.decode(msgspec.msgpack.encode(ring.state), type=MaestroState)
+    assert inherited.runs == ring.state.runs
+    ring.device, ring.state, now_ns = ring.make(), inherited, ring.now()
+    ring.call("open")
+    assert ring.call("command", 0.0045) > now_ns + 20_000_000_000
 
 
-def test_what_nobody_verified_is_reported_aloud_once_each() -> None:
+def test_what_was_not_verified_is_reported_aloud_once_each() -> None:
     stage = AerotechStage("socket://127.0.0.1:1", verified=("baud", "axes", "origin_m", "sign"))
     with pytest.warns(UnverifiedWarning, match="limits is not verified"), pytest.raises(DeviceError):
         stage.open(0, AerotechState(), RNG)

@@ -61,10 +61,6 @@ def test_a_name_is_for_a_class_and_passes_the_options_on(
     assert open_device(kind, "sim", **options) == expected
 
 
-def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
-    assert open_device("torque", "palp_core.palpation.devices.sim.torque:SimTorque") == SimTorque()
-
-
 @pytest.mark.parametrize(
     ("kind", "name", "options", "says"),
     [

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from benchmarks.rig_bench.faults import ACKNOWLEDGE, FAULTS, KINDS, REOPEN, Fault, table
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices import open_device
-from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.contract import Subject
 from palp_core.palpation.devices.emulator import DEVICES, EmulatedRig
-from palp_core.palpation.devices.health import Condition, HealthMonitor
-from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
+from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.safety.watchdog import Watchdog, WatchedLoad, WatchedStage, WatchLimits
-from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
-from palp_core.palpation.devices.torque.ati import AtiState
 
-RNG = np.random.default_rng(0)
 S = 1_000_000_000
 Start = Callable[..., EmulatedRig]
+Open = Callable[..., Subject]
 
 
 # Four to forty times the drivers' own deadlines: silence comes of the fault, not of a busy host. How soon a
@@ -44,10 +39,7 @@ NIGHTLY = {
 }
 DELAY_S = {"aerotech": 2.4, "maestro": 2.0}  # past those deadlines
 LONG_DELAY_S = 5.0
-
-
-def now() -> int:
-    return time.monotonic_ns()
+OWN: dict[str, dict[str, Any]] = {"aerotech": {"lift_m": 0.002}, "maestro": {}}
 
 
 @pytest.fixture
@@ -63,6 +55,10 @@ def named(monkeypatch: pytest.MonkeyPatch) -> list[Condition]:
 
     monkeypatch.setattr(HealthMonitor, "report", note)
     return reported
+
+
+def health(subject: Subject) -> DeviceHealth:
+    return cast("DeviceHealth", subject.device.health(subject.now()))
 
 
 def succeeds(step: Callable[[], None]) -> bool:
@@ -103,15 +99,6 @@ def strike(rig: EmulatedRig, fault: Fault) -> None:
         rig.fault(fault.device, fault.name, value=delay_s if fault.name == "delay" else fault.value)
 
 
-def open_sensor(rig: EmulatedRig, device: str) -> Any:
-    kind: Any = KINDS[device]
-    return open_device(kind, device, **{**rig.options[device], **PATIENT[device]})
-
-
-def open_stage(rig: EmulatedRig) -> AerotechStage:
-    return AerotechStage(**rig.options["aerotech"], **PATIENT["aerotech"], lift_m=0.002)
-
-
 def test_the_documentation_has_the_table_of_the_faults_that_are_tested() -> None:
     shown = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
     assert table() in shown, "faults.md needs the output of 'python -m benchmarks.rig_bench.faults'"
@@ -144,110 +131,86 @@ def test_the_watchdog_names_the_trip_of_every_fault_of_stage_ring_and_sensor(fau
 
 @pytest.mark.parametrize("fault", rows("torque", "emg"))
 def test_a_sensors_fault_has_a_name_loses_nothing_received_and_passes(
-    quick_rig: Start, wait: Any, named: list[Condition], fault: Fault
+    quick_rig: Start, driver: Open, named: list[Condition], fault: Fault
 ) -> None:
-    device, name = fault.device, fault.name
-    rig = quick_rig(device)
-    sensor = open_sensor(rig, device)
-    state: Any = AtiState() if KINDS[device] == "torque" else EmgSourceState()
-    sensor.open(now(), state, RNG)
+    rig = quick_rig(fault.device)
+    sensor = driver(rig, fault.device, **PATIENT[fault.device])
     blocks: list[Any] = []
 
     def more() -> int:
-        blocks.append(sensor.drain(now(), state, RNG))
+        blocks.append(sensor.call("drain"))
         return sum(len(block.times_ns) for block in blocks)
 
-    try:
-        wait.until(lambda: more() >= 50)
-        named.clear()
-        strike(rig, fault)
-        wait.until(lambda: {sensor.health(now()).condition, *named} & set(fault.states))
-        if name in ("saturated", "status"):
-            wait.until(lambda: more() and blocks[-1].faulty.any())
-        rig.clear(device)
-        before = more()
-        wait.until(lambda: sensor.health(now()).ok and more() >= before + 50)
-        if name in ("garbage", "truncation", "silence", "disconnect"):
-            wait.until(lambda: more() and any(block.gap.any() for block in blocks))
-    finally:
-        sensor.close()
+    sensor.until(lambda: more() >= 50, "samples")
+    named.clear()
+    strike(rig, fault)
+    sensor.until(lambda: {health(sensor).condition, *named} & set(fault.states), fault.words)
+    if fault.name in ("saturated", "status"):
+        sensor.until(lambda: more() and blocks[-1].faulty.any(), "faulty samples")
+    rig.clear(fault.device)
+    before = more()
+    sensor.until(lambda: health(sensor).ok and more() >= before + 50, "samples again")
+    if fault.name in ("garbage", "truncation", "silence", "disconnect"):
+        sensor.until(lambda: more() and any(block.gap.any() for block in blocks), "a gap")
+    sensor.device.close()
     more()
-    index = np.concatenate([block.index for block in blocks])
-    times_ns = np.concatenate([block.times_ns for block in blocks])
-    gap = np.concatenate([block.gap for block in blocks])
+    index, times_ns, gap = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("index", "times_ns", "gap")
+    )
     assert np.all(np.diff(index) >= 1)
     assert np.all(np.diff(times_ns) > 0)
     assert np.all(gap[1:][np.diff(index) > 1])
 
 
-@pytest.mark.parametrize("fault", rows("stage"))
-def test_a_stages_fault_has_a_name_stops_it_and_ends_by_the_documented_step(
-    quick_rig: Start, wait: Any, fault: Fault
+@pytest.mark.parametrize("fault", rows("stage", "ring"))
+def test_a_fault_of_what_moves_has_a_name_stops_it_and_ends_by_the_documented_step(
+    quick_rig: Start, driver: Open, fault: Fault
 ) -> None:
-    rig = quick_rig("aerotech")
-    stage = open_stage(rig)
-    state = AerotechState()
-    stage.open(now(), state, RNG)
-    try:
-        stage.return_to(-0.05, now(), state)
-        strike(rig, fault)
-        wait.until(lambda: stage.health(now()).condition in fault.states)
-        with pytest.raises(DeviceError, match="acknowledge before a move"):
-            stage.return_to(0.0, now(), state)
-        if fault.name == "e-stop":
-            with pytest.raises(DeviceError):
-                stage.acknowledge(now(), state)  # still pressed
-        rig.clear("aerotech")
-        if fault.way_out == ACKNOWLEDGE:
-            stage.acknowledge(now(), state)
-        elif fault.way_out == REOPEN:
-            stage.close()
-            stage.open(now(), state, RNG)
-        wait.until(lambda: stage.health(now()).ok and not stage.feedback(now(), state).moving)
-        stage.return_to(-0.01, now(), state)
-        wait.until(lambda: not stage.feedback(now(), state).moving)
-        assert rig.call(rig.truth)["y_m"] == pytest.approx(-0.01, abs=1e-5)
-    finally:
-        stage.close()
+    rig = quick_rig(fault.device)
+    mover = driver(rig, fault.device, **PATIENT[fault.device], **OWN[fault.device])
+    go = "return_to" if mover.kind == "stage" else "command"
+
+    def rests() -> bool:
+        return bool(mover.call("read").settled if mover.kind == "ring" else not mover.call("feedback").moving)
+
+    def acknowledge() -> None:
+        mover.call("acknowledge")
+
+    mover.call(go, -0.05 if mover.kind == "stage" else 0.010)
+    if mover.kind == "ring":
+        mover.until(lambda: mover.call("read").measured_m > 0.5e-3, "motion")
+    strike(rig, fault)
+    mover.until(lambda: health(mover).condition in fault.states, fault.words)
+    assert mover.kind == "stage" or not rests()
+    with pytest.raises(DeviceError, match="acknowledge before a move"):
+        mover.call(go, 0.0)
+    if fault.name == "e-stop":
+        with pytest.raises(DeviceError):
+            acknowledge()  # still pressed
+    rig.clear(fault.device)
+    if fault.way_out == ACKNOWLEDGE and mover.kind == "ring":
+        mover.until(lambda: succeeds(acknowledge), "an acknowledgement")
+    elif fault.way_out == ACKNOWLEDGE:
+        acknowledge()
+    elif fault.way_out == REOPEN:
+        mover.device.close()
+        mover.call("open")
+    mover.until(lambda: health(mover).ok and (mover.kind == "ring" or rests()), "health")
+    goal_m = -0.01 if mover.kind == "stage" else 0.002
+    mover.call(go, goal_m)
+    mover.until(rests, "rest")
+    if mover.kind == "stage":
+        assert rig.call(rig.truth)["y_m"] == pytest.approx(goal_m, abs=1e-5)
+    else:
+        assert mover.call("read").measured_m == pytest.approx(goal_m, abs=0.4e-3)
 
 
-def test_a_stage_with_a_latched_fault_does_not_open(quick_rig: Start) -> None:
+def test_a_stage_with_a_latched_fault_does_not_open(quick_rig: Start, driver: Open) -> None:
     rig = quick_rig("aerotech")
     rig.fault("aerotech", "e-stop")
     rig.clear("aerotech")
-    stage = open_stage(rig)
     with pytest.raises(DeviceError, match="latched fault: e stop"):
-        stage.open(now(), AerotechState(), RNG)
-
-
-@pytest.mark.parametrize("fault", rows("ring"))
-def test_a_rings_fault_has_a_name_holds_it_and_ends_by_the_documented_step(
-    quick_rig: Start, wait: Any, fault: Fault
-) -> None:
-    rig = quick_rig("maestro")
-    ring = MaestroRing(**rig.options["maestro"], **PATIENT["maestro"])
-    state = MaestroState()
-    ring.open(now(), state, RNG)
-    try:
-        ring.command(0.010, now(), state, RNG)
-        wait.until(lambda: ring.read(now(), state).measured_m > 0.5e-3)
-        strike(rig, fault)
-        wait.until(lambda: ring.health(now()).condition in fault.states)
-        assert not ring.read(now(), state).settled
-        with pytest.raises(DeviceError, match="acknowledge before a move"):
-            ring.command(0.0, now(), state, RNG)
-        rig.clear("maestro")
-        if fault.way_out == ACKNOWLEDGE:
-            wait.until(lambda: succeeds(lambda: ring.acknowledge(now(), state)))
-        elif fault.way_out == REOPEN:
-            ring.close()
-            ring.open(now(), state, RNG)
-        wait.until(lambda: ring.health(now()).ok)
-        ring.command(0.002, now(), state, RNG)
-        wait.until(lambda: ring.read(now(), state).settled)
-        assert ring.read(now(), state).measured_m == pytest.approx(0.002, abs=0.4e-3)
-    finally:
-        ring.close()
+        driver(rig, "aerotech", **PATIENT["aerotech"])
 
 
 @pytest.mark.parametrize("device", ["aerotech", "ati", "noraxon", "maestro"])
@@ -255,17 +218,13 @@ def test_a_device_that_is_not_there_is_a_clear_error(
     quick_rig: Start, patient: dict[str, dict[str, Any]], device: str
 ) -> None:
     rig = quick_rig(device)
-    options = rig.options[device] | patient[device]
     rig.disconnect(device)
-    kind: Any = KINDS[device]
-    driver: Any = open_device(kind, device, **options)
-    state: Any = {"stage": AerotechState, "ring": MaestroState, "torque": AtiState, "emg": EmgSourceState}
-    with pytest.raises(DeviceError, match=device if device != "aerotech" else "stage|aerotech"):
-        driver.open(now(), state[kind](), RNG)
-    rig.connect(device)
-    fresh = state[kind]()
-    driver.open(now(), fresh, RNG)
-    with pytest.raises(DeviceError, match="open already"):
-        driver.open(now(), fresh, RNG)
-    assert driver.health(now()).ok
-    driver.close()
+    with Subject(KINDS[device], device, rig.options[device] | patient[device]) as subject:
+        with pytest.raises(DeviceError, match=device if device != "aerotech" else "stage|aerotech"):
+            subject.call("open")
+        rig.connect(device)
+        subject.state = subject.device.state_type()
+        subject.call("open")
+        with pytest.raises(DeviceError, match="open already"):
+            subject.call("open")
+        assert health(subject).ok

@@ -170,6 +170,6 @@ def test_the_first_session_numbers_from_0_whenever_it_comes() -> None:
 def test_a_silence_does_not_spoil_the_stamps_that_follow_its_notice() -> None:
     line = SampleLine(EMG_HZ, 1)
     worst_ns(line, S, 21 * S)
-    worst_ns(line, 23 * S, 24 * S)  # half a second tells that the two seconds are lost
+    worst_ns(line, 23 * S, 24 * S)  # half a second shows that the two seconds are lost
     assert worst_ns(line, 24 * S, 54 * S) < 1_000_000
     assert line.lost_count == pytest.approx(2.0 * EMG_HZ, abs=2 * CHUNK)

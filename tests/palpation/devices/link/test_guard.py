@@ -1,4 +1,4 @@
-"""A device is stopped by another process when the one that commands it is killed, and only then."""
+"""A process that is killed or stopped: another one stops its device, and the watch notices."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 import psutil
 import pytest
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.contract import Subject
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.link import guard_process
 from palp_core.palpation.devices.link.guard import LinkGuard
+from palp_core.palpation.devices.link.guard_process import NAME as GUARD
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
-from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 from palp_core.palpation.devices.unverified import UnverifiedWarning
 from tests.support.palp import ROOT
@@ -44,7 +43,7 @@ def link() -> Iterator[tuple[socket.socket, socket.socket]]:
         yield device, ours
 
 
-def everything_said(device: socket.socket) -> bytes:
+def everything_written(device: socket.socket) -> bytes:
     """Return what was written until all others have closed the link."""
     shown = b""
     while more := device.recv(1000):
@@ -67,7 +66,7 @@ def test_a_killed_process_is_spoken_for_though_its_group_is_killed_with_it(
     os.kill(guard, signal.SIGTERM)  # it ends with its owner only
     os.killpg(owner.pid, signal.SIGKILL)
     owner.communicate()
-    assert everything_said(device) == b"ABORT\nDISABLE\n"
+    assert everything_written(device) == b"ABORT\nDISABLE\n"
 
 
 def test_who_lets_go_of_the_link_is_not_spoken_for(link: tuple[socket.socket, socket.socket]) -> None:
@@ -76,7 +75,7 @@ def test_who_lets_go_of_the_link_is_not_spoken_for(link: tuple[socket.socket, so
     assert guard.alive
     ours.close()
     guard.release()
-    assert everything_said(device) == b""
+    assert everything_written(device) == b""
     guard.release()  # once more is no harm
 
 
@@ -114,23 +113,20 @@ def kill_guards() -> None:
 
 
 def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_opened_again(
-    quick_rig: Callable[..., EmulatedRig], wait: Any, patient: dict[str, dict[str, Any]]
+    quick_rig: Callable[..., EmulatedRig], driver: Callable[..., Subject]
 ) -> None:
     rig = quick_rig("aerotech")
-    stage = AerotechStage(**rig.options["aerotech"], **patient["aerotech"], return_speed_m_per_s=0.005)
-    state, rng = AerotechState(), np.random.default_rng(0)
-    stage.open(time.monotonic_ns(), state, rng)
-    stage.return_to(-0.05, time.monotonic_ns(), state)
+    stage = driver(rig, "aerotech", return_speed_m_per_s=0.005)
+    stage.call("return_to", -0.05)
     kill_guards()
-    wait.until(lambda: stage.health(time.monotonic_ns()).condition == "link lost")
-    assert "guard" in stage.health(time.monotonic_ns()).cause
+    stage.until(lambda: stage.device.health(stage.now()).condition == "link lost", "a lost link")
+    assert "guard" in stage.device.health(stage.now()).cause
     y = rig.call(rig.axes.y.position_m)
     assert y > -0.045  # it did not come to the end of its way
-    wait.until(lambda: rig.call(lambda now_ns: not rig.axes.y.moving(now_ns)))
-    stage.close()
-    stage.open(time.monotonic_ns(), state, rng)
-    assert stage.health(time.monotonic_ns()).ok
-    stage.close()
+    stage.until(lambda: rig.call(lambda now_ns: not rig.axes.y.moving(now_ns)), "rest")
+    stage.device.close()
+    stage.call("open")
+    assert stage.device.health(stage.now()).ok
 
 
 def test_a_second_link_whose_guard_is_gone_is_lost(quick_rig: Callable[..., EmulatedRig], wait: Any) -> None:
@@ -149,3 +145,68 @@ def test_a_second_link_whose_guard_is_gone_is_lost(quick_rig: Callable[..., Emul
     with pytest.raises(DeviceError, match="lost"):
         stop.abort()
     stop.close()
+
+
+@pytest.fixture
+def sleeper() -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_a_stopped_child_is_noticed_until_it_continues(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    assert sleeper.pid not in processes.stopped()
+    sleeper.send_signal(signal.SIGSTOP)
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_STOPPED)
+    assert sleeper.pid in processes.stopped()
+    sleeper.send_signal(signal.SIGCONT)
+    wait.until(lambda: sleeper.pid not in processes.stopped())
+
+
+def test_a_child_that_has_ended_is_not_stopped(sleeper: subprocess.Popen[bytes]) -> None:
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    sleeper.kill()
+    sleeper.wait()
+    assert sleeper.pid not in processes.stopped()
+
+
+def test_a_child_that_ends_is_missed(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    assert processes.ended() == []
+    sleeper.kill()
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_ZOMBIE)
+    assert processes.ended() == [sleeper.pid]
+    assert processes.ended() == []
+
+
+def test_a_child_that_hands_over_to_another_is_not_missed(sleeper: subprocess.Popen[bytes]) -> None:
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    following = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    processes.refresh()
+    sleeper.kill()
+    sleeper.wait()
+    assert processes.ended() == []
+    following.kill()
+    following.communicate()
+    assert processes.ended() == [following.pid]
+
+
+def test_a_guard_that_is_left_behind_is_for_no_node(sleeper: subprocess.Popen[bytes], wait: Any) -> None:
+    processes = ProcessWatch(parent=os.getpid(), own=0)
+    processes.refresh()
+    left = subprocess.Popen(
+        [sys.executable, "-c", f"open('/proc/self/comm', 'w').write({GUARD!r}); input()"],
+        stdin=subprocess.PIPE,
+    )
+    wait.until(lambda: psutil.Process(left.pid).name() == GUARD)
+    sleeper.kill()
+    wait.until(lambda: psutil.Process(sleeper.pid).status() == psutil.STATUS_ZOMBIE)
+    assert processes.ended() == [sleeper.pid]
+    left.kill()
+    left.communicate()

@@ -1,13 +1,19 @@
-"""A driver's thread outlives whatever its session raises, says what it was, and connects again."""
+"""A driver's thread outlives whatever its session or a library raises, reports it, and connects again."""
 
 from __future__ import annotations
 
+import sys
 import threading
+import time
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.emg.lsl import LslEmg
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.session_thread import SessionThread
@@ -37,7 +43,7 @@ class Good:
         pass
 
 
-def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wait: Any) -> None:
+def test_an_unforeseen_error_is_a_lost_link_by_name_and_not_the_end(wait: Any) -> None:
     watch, shown = HealthMonitor(0.0), list[str]()
     report = watch.report
 
@@ -72,3 +78,22 @@ def test_whatever_a_library_raises_at_the_first_session_is_a_device_error(
     with pytest.raises(DeviceError) as seen:
         SessionThread("odd", connect, HealthMonitor(1.0), HostTime()).start()
     assert str(seen.value) == shown
+
+
+class GoneInlet:
+    """The inlet of a stream that was withdrawn right after it was found."""
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        pass
+
+    def info(self, timeout: float) -> Any:
+        raise RuntimeError("the operation failed due to a timeout.")
+
+
+def test_a_stream_that_goes_while_it_is_opened_is_a_device_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = SimpleNamespace(nominal_srate=lambda: 1500.0, channel_count=lambda: 2)
+    fake = SimpleNamespace(resolve_byprop=lambda *_: [found], StreamInlet=GoneInlet)
+    monkeypatch.setitem(sys.modules, "pylsl", fake)
+    source = LslEmg("band")
+    with pytest.raises(DeviceError, match="'band' was found but does not open"):
+        source.open(time.monotonic_ns(), EmgSourceState(), np.random.default_rng(0))

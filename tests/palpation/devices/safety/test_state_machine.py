@@ -108,7 +108,7 @@ class SafetyWalk(RuleBasedStateMachine):
         assert self.machine.tripped
 
     @rule()
-    def everything_was_heard(self) -> None:
+    def everything_was_received(self) -> None:
         self.take(Event.COMPLETE)
 
     @rule()

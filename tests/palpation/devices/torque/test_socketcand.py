@@ -139,7 +139,7 @@ def test_what_is_no_socketcand_is_an_error_and_not_a_frame() -> None:
         bus.recv(60.0)
 
 
-def test_a_flood_of_frames_of_others_keeps_nobody_longer_than_asked() -> None:
+def test_a_flood_of_frames_of_others_makes_no_wait_longer_than_asked() -> None:
     def flood(connection: socket.socket) -> None:
         connection.sendall(b"< ok >")
         while True:  # until the bus has been shut down
