@@ -1,4 +1,4 @@
-"""What nodes, launch files and studies offer is in the register; a session gets a method for each task."""
+"""A session gets a method for each task from the register, and keeps what is published."""
 
 from __future__ import annotations
 
@@ -8,47 +8,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from nodes.estimator import EstimatorParams
-from nodes.policy_information import InformationParams
 from palp_core.graph.problems import GraphProblems
 from palp_core.methods import names, tasks
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
-from palp_core.palpation.session.reading_params import TASKS
-from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.schemes import POLICIES
-from tests.support.reading_errors import FEATURES
 from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def offered() -> list[tuple[str, str, str]]:
-    """Return what nodes, launch files and studies name: where, the task, the method."""
-    found = [("estimator", task, getattr(EstimatorParams(), task)) for task in TASKS]
-    known = InformationParams()
-    found += [("policy_information", "filter", known.knows), ("policy_information", "feature", known.feature)]
-    found += [
-        ("palp session reanalyse", task, getattr(Methods(), task)) for task in ("feature", "filter", "stop")
-    ]
-    for file in sorted((ROOT / "launch").rglob("*.yaml")):
-        arguments = yaml.safe_load(file.read_text(encoding="utf-8")).get("args", {})
-        for task in ("denoise", "filter", "likelihood", "feature", "stop"):
-            if task in arguments:
-                found.append((file.name, task, arguments[task]["default"]))
-        if "knows" in arguments:
-            found.append((file.name, "filter", arguments["knows"]["default"]))
-    found += [("signals", "feature", name) for name in FEATURES]
-    return found
-
-
-def test_what_is_offered_is_in_the_register() -> None:
-    unknown = [
-        f"{where} offers {task} '{name}'"
-        for where, task, name in offered()
-        if name != AUTO and name not in names(task)
-    ]
-    assert unknown == []
 
 
 def test_every_policy_of_a_study_is_one_of_the_register() -> None:

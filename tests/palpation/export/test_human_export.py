@@ -102,7 +102,7 @@ def test_every_field_of_a_row_is_a_column() -> None:
     assert {renamed.get(name, name) for name in HumanRow.__struct_fields__} <= names
 
 
-def test_emg_that_is_gone_is_told(folder: Path, tmp_path: Path) -> None:
+def test_emg_that_is_gone_is_named(folder: Path, tmp_path: Path) -> None:
     import shutil
 
     copy = Path(shutil.copytree(folder, tmp_path / "copy"))

@@ -37,7 +37,7 @@ from tests.support.view.simulated_user import simulated
 
 DEPTHS_M = [0.002, 0.004, 0.008]
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
-SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
+PUBLISHED: dict[str, list[tuple[int, dict[str, Any]]]] = {
     "SafetyBeat": [(90, BEAT)],
     "Mount": [(1, {"code": "K7", "remount": 0})],
     "PhantomTruth": [(1, {"code": "B", "depth_m": 0.004})],
@@ -61,7 +61,7 @@ SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
         (3, {"trial": 4, "estimate_m": 0.004, "confidence": 0.97, "probe_count": 2, "verdict": "decided"}),
     ],
     "PolicyChange": [(2, {"trial": 4, "iteration": 2, "policy": "uniform"})],
-    "ContactGuard": [(4, {"words": ["gel thinner than l2 vouches for: l4"]})],
+    "ContactGuard": [(4, {"words": ["gel thinner than l2 is bounded for: l4"]})],
     "Progress": [
         (6, {"phase": "estimation", "done_count": 1, "total_count": 300, "text": "right: 4 mm 1 of 1"}),
     ],
@@ -77,13 +77,13 @@ SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
 
 
 class RigSource(FakeSource):
-    """A rig whose nodes have published all of ``SAID``."""
+    """A rig whose nodes have published all of ``PUBLISHED``."""
 
     def __init__(self, clock: str = "wall") -> None:
         nodes = [NodeState(name="rig", run="nodes.policy_uniform:Uniform"), NodeState(name="safety")]
         value = {"type": "array", "items": {"type": "number"}}
         schema = {"type": "object", "properties": {"value": value}}
-        owners = {kind: "safety" if kind == "SafetyBeat" else "rig" for kind in SAID}
+        owners = {kind: "safety" if kind == "SafetyBeat" else "rig" for kind in PUBLISHED}
         super().__init__(
             Overview(kind="graph", title="rig", clock=clock, now_s=1.0, nodes=nodes),
             [
@@ -92,7 +92,7 @@ class RigSource(FakeSource):
             ],
         )
         self.launched = {"params": {"stage": {"from_m": -0.03, "to_m": 0.05}}}
-        for kind, entries in SAID.items():
+        for kind, entries in PUBLISHED.items():
             for stamp_ns, message in entries:
                 self.add(kind, stamp_ns, message)
 
@@ -113,13 +113,13 @@ def strip_and_page(viewer: Viewer) -> Callable[[], None]:
 
 SEEN = (
     "4 mm", "97 %", "right", "level 0.5 at its latest peak (fifth of five)",
-    "gel thinner than l2 vouches for: l4",
+    "gel thinner than l2 is bounded for: l4",
     "ready", "ring: 16.2 mm, settled", "phantom B", "1 of 300", "policy: nodes.policy_uniform:Uniform",
     "Not all are of one policy: uniform from trial 1 on.",
 )  # fmt: skip
 
 
-def test_it_shows_what_the_nodes_have_said() -> None:
+def test_it_shows_what_the_nodes_have_published() -> None:
     async def look(user: Any) -> None:
         for words in SEEN:
             await user.should_see(words)
@@ -127,7 +127,7 @@ def test_it_shows_what_the_nodes_have_said() -> None:
     simulated(strip_and_page(Viewer(source=RigSource(), operator=pressed())), look)  # type: ignore[arg-type]
 
 
-def test_a_ring_that_waits_is_shown_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
+def test_a_ring_that_waits_is_shown_and_after_the_graphs_end_it_is_not_called_silent() -> None:
     source = RigSource()
     homing = {"target_m": 0.016, "measured_m": 0.016, "settled": False, "rehome": True, "stamp_ns": 1}
     source.add("RingState", 4, homing)
@@ -190,7 +190,7 @@ def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
     source = RigSource()
     now = monitor(source)
     assert len(now.look()) == 2
-    source.add("TrialResult", 60, {**SAID["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008})
+    source.add("TrialResult", 60, {**PUBLISHED["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008})
     assert now.look() == []
     assert [row.right for row in now.board.rows] == [True, False]
     assert len(now.belief.probes) == 1
@@ -200,19 +200,19 @@ def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
 def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_in_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(SAID, "Palpation", [(9, {"torque_n_m": [0.01, 0.02], "ring_m": 0.004})])
+    monkeypatch.setitem(PUBLISHED, "Palpation", [(9, {"torque_n_m": [0.01, 0.02], "ring_m": 0.004})])
     source = RigSource("sim")
     now = monitor(source, at_once=True)
     assert now.ring_m == 0.016
     assert len(now.look()) == 2
-    source.add("RingState", 10, {**SAID["RingState"][0][1], "target_m": 0.008})
+    source.add("RingState", 10, {**PUBLISHED["RingState"][0][1], "target_m": 0.008})
     now.look()
     assert now.ring is not None
     assert now.ring_m == now.ring["measured_m"] == 0.004
 
 
 def test_muscles_that_have_fallen_silent_are_shown_as_that() -> None:
-    last = {**SAID["CoContraction"][0][1], "stamp_ns": 69_000_000_000}
+    last = {**PUBLISHED["CoContraction"][0][1], "stamp_ns": 69_000_000_000}
     assert "silent since 69 s" in muscle_text(last, None, 72.0)
     assert "silent" not in muscle_text(last, None, 120.0, fast=True)
     assert "silent since 69 s" in muscle_text(last, None, 5541.0, fast=True)
@@ -229,7 +229,7 @@ def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:
     assert now.belief.posterior == [0.1, 0.7, 0.2]
     source.change(now_s=2e-9)
     now.look()
-    assert (now.belief.posterior, now.board.rows, now.learnt) == ([], [], SAID["PrimitivesLearnt"][0][1])
+    assert (now.belief.posterior, now.board.rows, now.learnt) == ([], [], PUBLISHED["PrimitivesLearnt"][0][1])
 
 
 def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep() -> None:
@@ -294,7 +294,7 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
         OutcomePanel(source, now).show()
 
     simulated(put, look)
-    source.launched = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows
+    source.launched = {"params": {"rig": {"out": "out"}}}  # where that is, is unknown
     now = monitor(source)
     assert now.bands(now.ring_m) == []
 

@@ -1,4 +1,4 @@
-"""What is said of safety and of the scene."""
+"""What is shown of safety and of the scene."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_tripped_safety_node_says_why_and_what_to_do() -> None:
     assert "palp safety ack" in now.advice
 
 
-def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong() -> None:
+def test_a_stop_that_somebody_asked_for_is_shown_once_and_not_as_something_wrong() -> None:
     now = safety_status({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
     assert now.why == "nothing moves, all nodes go on; on request: palp view"
     assert "palp safety ack" in now.advice

@@ -1,10 +1,12 @@
-"""One look: contrast by WCAG AA in both modes, figures of one width, legends beside data, words explained."""
+"""Pages: contrast by WCAG AA in both modes, one width, legends off the data, words explained."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
+import jinja2
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -13,7 +15,8 @@ from matplotlib.figure import Figure
 import palp_core.palpation
 from palp_core.palpation.reporting import charts
 from palp_core.palpation.reporting.charts import Chart, image, in_percent, legend, number, save
-from palp_core.palpation.reporting.html_page import outlined, words_of
+from palp_core.palpation.reporting.html_page import outlined, picture, words_of, write_page
+from palp_core.palpation.reporting.table import write_csv, write_records
 from tests.palpation.reporting.page_flaws import flaws
 
 ROOM = Path(palp_core.palpation.__file__).parent
@@ -115,7 +118,7 @@ def test_a_legend_covers_no_data() -> None:
         assert not any(one.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
 
 
-def test_shares_are_written_in_per_cent_and_a_chart_is_told_in_words() -> None:
+def test_shares_are_written_in_per_cent_and_a_chart_is_described_in_words() -> None:
     axes = Figure().subplots()
     axes.plot([0.0, 1.0])
     axes.set_yticks([0.0, 0.5, 1.0])
@@ -154,7 +157,7 @@ GOOD = (
 
 
 @pytest.mark.parametrize(
-    ("part", "instead", "said"),
+    ("part", "instead", "shown"),
     [
         (' lang="en"', "", "has no language"),
         ('alt="words"', 'alt=""', "pictures without words"),
@@ -170,6 +173,57 @@ GOOD = (
         ("</body>", "<div><nav></nav></div></body>", "within something else"),
     ],
 )
-def test_a_flaw_of_a_page_is_found(part: str, instead: str, said: str) -> None:
+def test_a_flaw_of_a_page_is_found(part: str, instead: str, shown: str) -> None:
     assert flaws(GOOD) == []
-    assert said in " ".join(flaws(GOOD.replace(part, instead)))
+    assert shown in " ".join(flaws(GOOD.replace(part, instead)))
+
+
+CASE: dict[str, Any] = {
+    "cells": ("<b>bold</b>", "a & b"), "why": "one", "survived": True, "name": "c",
+    "fails_somewhere": True, "fails_at_the_rig": False,
+}  # fmt: skip
+
+
+@pytest.fixture
+def given(tmp_path: Path) -> dict[str, Any]:
+    """What a page of one table and one chart names, but for its rows."""
+    chart = Chart("one", "Title", "Caption.", 1.0, ("x",), [(1,)], lambda figure: None)
+    return {"head": ["one", "two"], "pictures": [picture(chart, tmp_path / "charts")]}
+
+
+def test_a_page_needs_no_other_file_and_shows_markup_as_text(tmp_path: Path, given: dict[str, Any]) -> None:
+    page = write_page(tmp_path / "new" / "index.html", "studies/stability.html", **given, rows=[CASE])
+    text = page.read_text(encoding="utf-8")
+    assert "&lt;b&gt;bold&lt;/b&gt;" in text
+    assert "a &amp; b" in text
+    assert "<b>" not in text
+    assert "border-collapse" in text
+    assert not re.search(r'(src|href)="(?!data:|#)', text)
+    assert [path.name for path in page.parent.iterdir()] == ["index.html"]
+
+
+def test_a_value_that_is_not_handed_in_is_an_error_and_leaves_no_page(
+    tmp_path: Path, given: dict[str, Any]
+) -> None:
+    with pytest.raises(jinja2.UndefinedError, match="rows"):
+        write_page(tmp_path / "index.html", "studies/stability.html", **given)
+    less = {name: value for name, value in CASE.items() if name != "why"}
+    with pytest.raises(jinja2.UndefinedError, match="why"):
+        write_page(tmp_path / "index.html", "studies/stability.html", **given, rows=[less])
+    assert not (tmp_path / "index.html").exists()
+
+
+def test_a_picture_leaves_files_where_it_is_asked_for_them_and_names_them(tmp_path: Path) -> None:
+    chart = Chart("one", "Title", "Caption.", 1.0, ("x",), [(1,)], lambda figure: None)
+    alone = picture(chart)
+    assert alone.files == ()
+    shown = picture(chart, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == set(shown.files) == {"one.png", "one.svg", "one.csv"}
+    assert (tmp_path / "one.svg").read_bytes() == shown.svg == alone.svg
+
+
+def test_a_table_has_its_heading_and_an_empty_cell_for_nothing(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", ("name", "x, mm"), [("a, b", 1.5), ("c", None)])
+    assert (tmp_path / "a.csv").read_bytes() == b'name,"x, mm"\n"a, b",1.5\nc,\n'
+    write_records(tmp_path / "b.csv", [{"x": 1, "y": None}, {"x": float("nan"), "y": "z"}])
+    assert (tmp_path / "b.csv").read_bytes() == b"x,y\n1,\nnan,z\n"

@@ -1,4 +1,4 @@
-"""``palp session report BAG``: what a bag tells of a session is what the session's folder says."""
+"""``palp session report BAG``: what a bag has of a session is what the session's folder says."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ from palp_core.graph.messages.message import encode
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.recorded_session import read_session
-from palp_core.palpation.session.session_folder import OWN_FILES, SWEEPS
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.bags import describe
 from tests.support.rig_session import RigSession
 from tests.support.sessions import Summariser, without_times
 
-NOBODY_COUNTS = {"activations"}
+UNCOUNTED = {"activations"}
 
 
 def report(*arguments: object) -> str:
@@ -38,7 +37,7 @@ def report(*arguments: object) -> str:
 
 def result(folder: Path) -> dict[str, Any]:
     found = without_times(json.loads((folder / "result.json").read_text()))
-    return {key: value for key, value in found.items() if key not in NOBODY_COUNTS}
+    return {key: value for key, value in found.items() if key not in UNCOUNTED}
 
 
 def same_record(one: Path, other: Path) -> None:
@@ -52,8 +51,8 @@ def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
     again = tmp_path / "again"
-    said = report(rig_session.bag, "--out", again, "--charts")
-    assert said.endswith(f"result.json in {again}. Report: {again}/report.html\n")
+    shown = report(rig_session.bag, "--out", again, "--charts")
+    assert shown.endswith(f"result.json in {again}. Report: {again}/report.html\n")
     same_record(again, rig_session.out)
     for row in read_rows(again):
         ours, theirs = (read_sweep(folder, row.row) for folder in (again, rig_session.out))
@@ -83,8 +82,14 @@ def test_a_record_that_cannot_begin_advises_the_option_that_names_its_folder(
         write_record(rig_session.bag, tmp_path / "file" / "record", overwrite=overwrite)
 
 
+def test_a_session_is_not_overwritten_unasked(rig_session: RigSession, tmp_path: Path) -> None:
+    copy = shutil.copytree(rig_session.out, tmp_path / "copy")
+    with pytest.raises(PalpError, match=r"holds a session already.*--out NAME.*--overwrite"):
+        report(rig_session.bag, "--out", copy)
+
+
 @pytest.mark.usefixtures("blank_charts")
-def test_what_nodes_said_was_wrong_is_in_the_result_with_its_time_in_the_bag(
+def test_what_nodes_reported_as_wrong_is_in_the_result_with_its_time_in_the_bag(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
     topic = "/safety/diagnostics"
@@ -96,8 +101,8 @@ def test_what_nodes_said_was_wrong_is_in_the_result_with_its_time_in_the_bag(
         stream = writer.stream(Stream(topic=describe(DiagnosticStatus, topic)))
         for sequence, level in enumerate(("ok", "error", "ok"), start=1):
             stamp_ns = sequence * 10**10
-            said = DiagnosticStatus(stamp_ns=stamp_ns, level=level, text="tripped", advice="look")
-            writer.write(stream, sequence, stamp_ns, stamp_ns, encode(said))
+            status = DiagnosticStatus(stamp_ns=stamp_ns, level=level, text="tripped", advice="look")
+            writer.write(stream, sequence, stamp_ns, stamp_ns, encode(status))
     report(tmp_path / "tripped")
     assert result(tmp_path / "tripped_report")["incidents"] == [
         {
@@ -118,13 +123,13 @@ def test_a_bag_that_ends_early_gives_the_rows_until_then_and_says_so(
     rig_session: RigSession, tmp_path: Path, end_s: int, of: str
 ) -> None:
     cut = part(rig_session, tmp_path / "cut", end_ns=end_s * 10**9)
-    said, folder = report(cut), tmp_path / "cut_report"
+    shown, folder = report(cut), tmp_path / "cut_report"
     rows = read_rows(folder)
     assert 0 < len(rows) < len(read_rows(rig_session.out))
     assert rows == read_rows(rig_session.out)[: len(rows)]
     done = len(rows) if "training" in of else len(read_session(folder).trials)
     words = f"nfinished: {done} of {of}"
-    assert said.startswith(f"U{words}, because: the bag ends before the session does.")
+    assert shown.startswith(f"U{words}, because: the bag ends before the session does.")
     assert f"(u{words})" in (folder / "report.html").read_text()
     assert json.loads((folder / "result.json").read_text())["confusion"]["depths_mm"] == [2.0, 4.0, 8.0]
 
@@ -149,10 +154,10 @@ def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
     every, folder, start_ns = read_rows(rig_session.out), tmp_path / "late_report", 100 * 10**9
     if start == "after training":
         start_ns = next(row for row in every if row.phase == "estimation").start_ns - 20 * 10**9
-    said = report(part(rig_session, tmp_path / "late", start_ns=start_ns))
+    shown = report(part(rig_session, tmp_path / "late", start_ns=start_ns))
     rows = read_rows(folder)
     lacking = len(every) - len(rows) if start == "in training" else 1
-    assert f"the bag lacks at least {lacking} palpation" in said
+    assert f"the bag lacks at least {lacking} palpation" in shown
     assert [(row.trial, row.iteration, row.posterior) for row in rows] == [
         (row.trial, row.iteration, row.posterior) for row in every[-len(rows) :]
     ]
@@ -161,7 +166,7 @@ def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
 
 
 @pytest.mark.parametrize(
-    ("left_out", "said"),
+    ("left_out", "shown"),
     [
         ("belief", "nothing of /estimator/belief is in it, and without it there is no session"),
         ("palpation", "no palpation: /estimator/palpation is missing"),
@@ -169,37 +174,25 @@ def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
     ],
 )
 def test_a_bag_without_what_a_session_needs_is_refused_and_leaves_nothing(
-    rig_session: RigSession, tmp_path: Path, left_out: str, said: str
+    rig_session: RigSession, tmp_path: Path, left_out: str, shown: str
 ) -> None:
     some = part(rig_session, tmp_path / "some", select=topic_selection([], None, left_out))
-    with pytest.raises(PalpError, match=said):
+    with pytest.raises(PalpError, match=shown):
         report(some)
     assert not (tmp_path / "some_report").exists()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("blank_charts")
-def test_whether_guards_were_recorded_is_told_from_what_else_the_phantom_said(
+def test_whether_guards_were_recorded_follows_from_what_else_the_phantom_published(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
-    for name, left_out, told in (("a", "/guard", True), ("b", "/phantom/(guard|contact|_.*)", False)):
+    for name, left_out, recorded in (("a", "/guard", True), ("b", "/phantom/(guard|contact|_.*)", False)):
         bag = part(rig_session, tmp_path / name, select=topic_selection([], None, left_out))
         report(bag)
         found = json.loads((tmp_path / f"{name}_report" / "result.json").read_text())
         guards = found["mechanics"]["guards"]
-        assert guards == ({code: [] for code in "ABC"} if told else None)
-
-
-@pytest.mark.usefixtures("blank_charts")
-def test_a_session_is_not_overwritten_unasked(rig_session: RigSession, tmp_path: Path) -> None:
-    folder = tmp_path / "cut_report"
-    report(part(rig_session, tmp_path / "cut", end_ns=60 * 10**9))
-    with pytest.raises(PalpError, match=r"holds a session already.*--out NAME.*--overwrite"):
-        report(rig_session.bag, "--out", folder)
-    report(rig_session.bag, "--out", folder, "--overwrite")
-    same_record(folder, rig_session.out)
-    assert {path.name for path in folder.iterdir()} <= {*OWN_FILES}
-    assert len(list((folder / SWEEPS).iterdir())) == len(read_rows(rig_session.out))
+        assert guards == ({code: [] for code in "ABC"} if recorded else None)
 
 
 def test_what_is_no_bag_of_a_session_is_refused(

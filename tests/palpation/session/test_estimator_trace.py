@@ -1,4 +1,4 @@
-"""The estimator that reads whole traces: a belief within the sweep, the same whoever follows it."""
+"""The estimator that reads whole traces: a belief within the sweep, the same for all who follow it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from nodes.estimator import Estimator
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.units import Float64Array
-from tests.nodes.conftest import replace, sent_bytes
-from tests.support.rig_messages import ring_state, trial
+from tests.support.kept import replace, sent_bytes
+from tests.support.rig_messages import block, ring_state, trial
 
 DEPTHS_M, RINGS_M = (0.002, 0.004, 0.008), (0.008, 0.016)
 FROM_M, TO_M, SPEED = -0.02, 0.03, 0.02
@@ -67,15 +67,6 @@ def status(word: str, count: int = 0, start_ns: int = 0) -> SweepStatus:
     return SweepStatus(
         stamp_ns=0, goal_id=1, status=word, enter_ns=start_ns, leave_ns=leave_ns, sample_count=count
     )
-
-
-def block(
-    torque_n_m: Float64Array, start: int = 0, *, first_ns: int | None = None, over_phantom: bool = True
-) -> TorqueBlock:
-    return TorqueBlock(
-        stamp_ns=0, start_ns=start * 1_000_000 if first_ns is None else first_ns, rate_hz=1000.0,
-        over_phantom=over_phantom, saturated_count=0, torque_n_m=torque_n_m,
-    )  # fmt: skip
 
 
 def palpate(bench: Bench[Estimator], torque_n_m: Float64Array) -> None:
@@ -250,7 +241,7 @@ def test_who_reads_otherwise_cannot_take_over_and_an_untrained_ring_ends_the_tri
     assert outlooks(bench) == []
 
 
-def test_a_torque_that_fits_no_class_is_said() -> None:
+def test_a_torque_that_fits_no_class_is_an_outlier() -> None:
     bench = trained()
     palpate(bench, felt(0.004))
     assert not bench.sent(Estimator.belief)[-1].outlier
@@ -270,7 +261,7 @@ def streamed(bench: Bench[Estimator], torque_n_m: Float64Array, start_ns: int, s
         if at == 500:
             bench.feed(Estimator.sweep, status("sweeping", start_ns=sweep_ns))
         first_ns = start_ns + at * 1_000_000 + 300_000
-        bench.feed(Estimator.torque, block(stream[at : at + size], first_ns=first_ns, over_phantom=False))
+        bench.feed(Estimator.torque, block(stream[at : at + size], start_ns=first_ns, over_phantom=False))
     return sweep_ns
 
 

@@ -33,16 +33,16 @@ Beliefs = list[tuple[Float64Array, Float64Array]]
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Beliefs]:
     """Run a session on a grid of depths, six probes a trial; return its folder, and whose beliefs met.
 
-    A pair is the belief that the policy makes of its history, and the estimator's, which it is told.
+    A pair is the belief that the policy makes of its history, and the estimator's, which it reads.
     """
     folder, met = tmp_path_factory.mktemp("rig"), []
     write_noise(NOISE, folder / "noise.yaml")
     with_classes = latent.Belief.with_classes
 
-    def spy(own: latent.Belief, told: Float64Array) -> latent.Belief:
+    def spy(own: latent.Belief, estimated: Float64Array) -> latent.Belief:
         if own.offset_mean.size:
-            met.append((own.posterior, told))
-        return with_classes(own, told)
+            met.append((own.posterior, estimated))
+        return with_classes(own, estimated)
 
     with (
         pytest.MonkeyPatch.context() as patch,
@@ -80,8 +80,8 @@ def test_the_policy_has_the_estimators_own_belief(run: tuple[Path, Beliefs]) -> 
     """With equal parameters the posterior that the policy makes of its history is the estimator's."""
     _, met = run
     assert len(met) == 3 * 5
-    for own, told in met:
-        np.testing.assert_array_equal(own, told)
+    for own, estimated in met:
+        np.testing.assert_array_equal(own, estimated)
 
 
 def test_on_a_grid_a_verdict_counts_for_the_nearest_trained_depth_and_the_error_is_in_mm(

@@ -208,7 +208,7 @@ def test_a_list_is_followed_line_by_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "shown"),
     [
         ("rest,A,16", r"list\.csv:2: phase is 'rest'"),
         ("training,Z,16", r"list\.csv:2: no phantom 'Z'"),
@@ -218,10 +218,10 @@ def test_a_list_is_followed_line_by_line(tmp_path: Path) -> None:
         ("estimation,A,\ntraining,A,16", "all of training comes before"),
     ],
 )
-def test_a_list_that_does_not_fit_is_refused_with_its_line(tmp_path: Path, line: str, said: str) -> None:
+def test_a_list_that_does_not_fit_is_refused_with_its_line(tmp_path: Path, line: str, shown: str) -> None:
     path = tmp_path / "list.csv"
     path.write_text(f"phase,phantom,ring_mm\n{line}\n")
-    with pytest.raises(PerceptionError, match=said):
+    with pytest.raises(PerceptionError, match=shown):
         ordered(DESIGN, str(path))
     with pytest.raises(PerceptionError, match="cannot be read"):
         ordered(DESIGN, "alphabetical")

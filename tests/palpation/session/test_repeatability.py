@@ -38,7 +38,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_rig_repeats_itself_as_the_simulation_was_told(rig: Path) -> None:
+def test_the_rig_repeats_itself_as_the_simulation_was_set(rig: Path) -> None:
     noise = read_noise(rig / "noise.yaml")
     for component, truth in ((noise.ring_sd_m, 0.15e-3), (noise.height_sd_m, 0.1e-3)):
         assert component.low is not None
@@ -123,7 +123,7 @@ def test_a_failed_sweep_is_repeated_and_another_word_is_refused() -> None:
 @pytest.mark.parametrize(
     "numbers", [{"rings_m": (0.004,)}, {"stay": 1}, {"group": 1}, {"remounts": 1}, {"wait_s": -1.0}]
 )
-def test_a_plan_that_could_tell_nothing_is_refused(numbers: dict[str, object]) -> None:
+def test_a_plan_that_could_measure_nothing_is_refused(numbers: dict[str, object]) -> None:
     with pytest.raises(PerceptionError, match="repeatability"):
         RepeatDesign("A", **numbers)  # type: ignore[arg-type]
 
@@ -168,6 +168,6 @@ def test_components_scale_with_the_readings_and_a_cause_that_does_nothing_reache
         ([Block("ring", 1.0, (np.arange(2.0),))], "ring"),
     ],
 )
-def test_readings_that_tell_nothing_are_refused(bad: list[Block], match: str) -> None:
+def test_readings_without_information_are_refused(bad: list[Block], match: str) -> None:
     with pytest.raises(PerceptionError, match=match):
         estimate(bad)

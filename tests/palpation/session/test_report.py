@@ -90,10 +90,10 @@ def test_the_page_needs_no_other_file(complete: str) -> None:
 def test_the_page_states_the_session_and_the_reach_of_its_intervals(
     record: Writer, summary: Summariser
 ) -> None:
-    said = session(summary(out := record(trials=TRIALS)))
+    shown = session(summary(out := record(trials=TRIALS)))
     page = page_of(out)
-    assert said.splitlines()[0] in page
-    assert said.endswith(f"Report: {out / 'report.html'}")
+    assert shown.splitlines()[0] in page
+    assert shown.endswith(f"Report: {out / 'report.html'}")
     for words in (
         "found the right depth in 3 of 4 trials: 75.0 %",
         "speak for this session only",
@@ -197,7 +197,7 @@ def test_a_single_trial_of_a_single_depth_that_stayed_undecided_is_drawn(
     assert "1 undecided" in page_of(out)
 
 
-def test_a_table_that_was_emptied_beside_its_sweeps_is_not_called_kept(
+def test_a_table_that_was_emptied_next_to_its_sweeps_is_not_called_kept(
     record: Writer, summary: Summariser
 ) -> None:
     out = record(trials=TRIALS)
@@ -229,7 +229,9 @@ def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, sum
 
 
 @pytest.mark.usefixtures("blank_charts")
-def test_the_page_states_what_the_sweeps_met_or_that_nobody_told(record: Writer, summary: Summariser) -> None:
+def test_the_page_states_what_the_sweeps_met_or_that_it_was_not_recorded(
+    record: Writer, summary: Summariser
+) -> None:
     run = summary(out := record(trials=TRIALS))
     session(run)
     assert f"<td>A</td><td>ring_m = 0.016: {SMALL_STRAIN}</td>" in page_of(out)

@@ -243,7 +243,7 @@ def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
 
 
 @pytest.mark.parametrize(
-    ("device", "link", "touch", "said"),
+    ("device", "link", "touch", "shown"),
     [
         ("sim", None, True, "simulated rig"),
         ("aerotech", "socket://10.0.0.1:8001", True, "emulated devices, simulated phantoms"),
@@ -253,7 +253,7 @@ def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
     ],
 )
 def test_the_page_says_what_was_swept_and_that_the_stage_had_no_link_for_stopping(
-    device: str, link: str | None, touch: bool, said: str, record: Writer, summary: Summariser
+    device: str, link: str | None, touch: bool, shown: str, record: Writer, summary: Summariser
 ) -> None:
     run = summary(out := record())
     run.params["stage"] = {"device": device}
@@ -262,5 +262,5 @@ def test_the_page_says_what_was_swept_and_that_the_stage_had_no_link_for_stoppin
     if not touch:
         run.publishes["phantom"].pop("/phantom/guard")
     words = report_page._rig(build(read_session(out), run))
-    assert said in words
+    assert shown in words
     assert ("(stop_link: none)" in words) == (link == "none")

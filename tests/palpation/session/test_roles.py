@@ -1,8 +1,11 @@
-"""A report knows its nodes by what they publish and how they are wired, not by their names."""
+"""A report knows its nodes by what they publish and how they are wired, and each number by its basis."""
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,10 @@ import pytest
 
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary, summary_of
+from palp_core.graph.node.node import Params
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.session.parameter_basis import BASIS, SCENE
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.roles import PUBLISHED, roles_of
 from tests.support.palp import ROOT
@@ -84,3 +91,20 @@ def test_a_missing_role_is_an_error_and_of_two_estimators_the_wired_one_counts(s
         run.publishes.pop(node)
     with pytest.raises(PalpError, match=r"no node publishes Belief, .* knows no estimator; add the node, or"):
         roles_of(run)
+
+
+def declared() -> Iterator[str]:
+    """Yield each parameter of each node; policies count as one node."""
+    for path in (ROOT / "nodes").glob("*.py"):
+        for kind in vars(importlib.import_module(f"nodes.{path.stem}")).values():
+            if isinstance(kind, type) and issubclass(kind, Params):
+                yield from (f"{path.stem.partition('_')[0]}.{name}" for name in kind.__struct_fields__)
+
+
+def test_each_basis_is_of_a_parameter_that_exists() -> None:
+    assert set(BASIS) <= set(declared())
+
+
+def test_every_number_of_the_simulated_scene_has_a_basis() -> None:
+    numbers = {f.name for kind in (Probe, Phantom, Bead) for f in dataclasses.fields(kind)} - {"bead"}
+    assert numbers == set(SCENE)

@@ -51,7 +51,9 @@ def session(
 ) -> Path:
     """Write a session with its note; its sheet names a subject, if one is given."""
     out = writer(folder)(name, trials=trials(*right), **({"repeats": 0} | record))
-    said = SessionSheet(lab="L", operator="OP", subject=subject or "none", began=began, simulated=not subject)
+    sheet = SessionSheet(
+        lab="L", operator="OP", subject=subject or "none", began=began, simulated=not subject
+    )
     summary = describe(out)
     params = {**summary.params, "experiment": {**summary.params["experiment"], "policy": policy, "trials": 2}}
     ended = "" if exit_code == 0 else "Ctrl-C"
@@ -61,7 +63,7 @@ def session(
         seed=seed,
         exit_code=exit_code,
         ended=ended,
-        attached={SHEET: sheet_text(said)},
+        attached={SHEET: sheet_text(sheet)},
     )
     write_json(out / "run.json", note)
     # sessions differ in a digit of their record, as real ones do; a copy is one whose record is the same
@@ -75,7 +77,7 @@ def listed(folder: Path) -> dict[str, SessionEntry]:
     return {one.path.name: one for one in find_sessions(folder)}
 
 
-def test_each_session_is_told_in_words_whatever_its_state(tmp_path: Path) -> None:
+def test_each_session_is_listed_in_words_whatever_its_state(tmp_path: Path) -> None:
     session(tmp_path / "a", "whole", [True, False], subject="S01")
     session(tmp_path, "stopped", [True, True], exit_code=130)
     bad = session(tmp_path, "bad", [True], repeats=1)
@@ -165,7 +167,7 @@ def test_sessions_with_other_filters_are_groups_of_their_own_and_compared_within
     assert abs(difference["difference"]["value"]) == pytest.approx(0.5)
 
 
-def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
+def test_excluded_trials_do_not_count_and_are_listed(tmp_path: Path) -> None:
     out = session(tmp_path, "one", [True, True, False, False])
     audit = (
         "phase,trial,deed,reason,time,user\nestimation,1002,exclude,slipped,t,u\n"
@@ -183,18 +185,18 @@ def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "shown"),
     [
         ("estimation,x,exclude,y,t,u", "audit.csv:2: the line is damaged"),
         ("training,77,exclude,typo,t,u", "training trial 77 is excluded, and the record has none"),
     ],
 )
-def test_an_audit_that_does_not_fit_makes_the_session_damaged(tmp_path: Path, line: str, said: str) -> None:
+def test_an_audit_that_does_not_fit_makes_the_session_damaged(tmp_path: Path, line: str, shown: str) -> None:
     audit = session(tmp_path, "one", [True]) / "audit.csv"
     audit.write_text(f"phase,trial,deed,reason,time,user\n{line}\n", encoding="utf-8")
     (entry,) = find_sessions(tmp_path)
     assert entry.state == "damaged"
-    assert said in entry.words
+    assert shown in entry.words
 
 
 def test_a_copy_an_unfinished_and_an_unmeasured_session_do_not_count(tmp_path: Path) -> None:
@@ -222,8 +224,8 @@ def test_sessions_that_were_run_otherwise_are_another_group_or_a_remark(tmp_path
     write_json(out / "run.json", note)
     record = pool(find_sessions(tmp_path))
     assert sorted(one["design"].partition(";")[0] for one in record["groups"]) == ["markov", "uniform"]
-    said = [words for group in record["groups"] for words in group["remarks"]]
-    assert said == ["not all were run alike: estimator.max_probes: 15 | 7"]
+    shown = [words for group in record["groups"] for words in group["remarks"]]
+    assert shown == ["not all were run alike: estimator.max_probes: 15 | 7"]
     assert any("not compared" in words for words in remarks(record))
 
 
@@ -251,23 +253,23 @@ def test_the_command_lists_pools_and_writes_page_tables_and_json(tmp_path: Path)
     for number in range(4):
         session(tmp_path / "study", f"s{number}", [True, number > 1, True], subject=f"S0{number}")
     session(tmp_path / "study", "stopped", [True], exit_code=1)
-    code, said = run(tmp_path / "study", "--out", tmp_path / "out")
-    assert code == 0, said
-    assert "4 subjects" in said
-    assert "unfinished: 1 of 6 trials" in said
+    code, shown = run(tmp_path / "study", "--out", tmp_path / "out")
+    assert code == 0, shown
+    assert "4 subjects" in shown
+    assert "unfinished: 1 of 6 trials" in shown
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {"index.html", "sessions.csv", "pooled.csv", "pooled.json"}
     page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert not list(flaws(page))
     assert "unfinished: 1 of 6 trials, because: Ctrl-C" in page
-    code, said = run(tmp_path / "study", "--json")
-    assert json.loads(said)["groups"][0]["units"] == 4
+    code, shown = run(tmp_path / "study", "--json")
+    assert json.loads(shown)["groups"][0]["units"] == 4
 
 
 def test_the_command_ends_with_status_1_where_nothing_counts(tmp_path: Path) -> None:
     session(tmp_path, "stopped", [True], exit_code=1)
-    code, said = run(tmp_path)
-    assert (code, "no session counts" in said) == (1, True)
+    code, shown = run(tmp_path)
+    assert (code, "no session counts" in shown) == (1, True)
 
 
 def test_palp_analyse_takes_a_folder_of_sessions(tmp_path: Path) -> None:

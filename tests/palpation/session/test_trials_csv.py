@@ -200,12 +200,12 @@ def test_a_second_session_is_refused_until_the_first_has_closed(tmp_path: Path) 
     with pytest.raises(PalpError, match="another session is writing"):
         second.start()
     first.close()
-    (tmp_path / RUN).write_text("{}")  # it ended before its first palpation, and is in nobody's way
+    (tmp_path / RUN).write_text("{}")  # it ended before its first palpation, and is in no one's way
     second.start()
     second.close()
 
 
-def test_a_session_is_replaced_only_by_one_that_is_told_to(tmp_path: Path) -> None:
+def test_a_session_is_replaced_only_by_one_that_asks_for_it(tmp_path: Path) -> None:
     written(tmp_path, 1).close()
     (tmp_path / "notes.txt").write_text("mine")
     second = SessionWriter(str(tmp_path), (0.002, 0.004))

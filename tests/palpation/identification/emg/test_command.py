@@ -15,14 +15,12 @@ from palp_core.cli.rig.emg import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.messages.frame import Kind, pack
-from palp_core.graph.messages.message import encode
-from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.identification.emg.files import read_emg
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.strategy import figure5
+from tests.support.bags import describe, frame
+from tests.support.rig_messages import emg_block
 
 RATE_HZ = 1500.0
 TRIAL_S = 9.0
@@ -136,21 +134,10 @@ def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
 
 
 def bag_of(folder: Path, blocks: list[EmgBlock]) -> Path:
-    schema = schema_of(EmgBlock)
-    topic = Topic(
-        name="/emg/block",
-        type=schema.name,
-        type_hash=f"{schema.type_hash:016x}",
-        json_schema=schema.json_schema,
-        latched_depth=0,
-    )
     recorder = BagRecorder(BagWriter(folder))
-    recorder.describe(topic)
+    recorder.describe(describe(EmgBlock, "/emg/block"))
     for number, block in enumerate(blocks, 1):
-        recorder(
-            block.stamp_ns,
-            pack(b"/emg/block", Kind.DATA, 0, number, block.stamp_ns, schema.type_hash, encode(block)),
-        )
+        recorder(block.stamp_ns, frame("/emg/block", block, number, block.stamp_ns))
     recorder.close()
     return folder
 
@@ -161,13 +148,7 @@ def test_a_bag_brings_its_own_mvc_and_a_lost_block_is_a_gap(tmp_path: Path) -> N
     for at in range(0, both.shape[1], 75):
         phase = "palpation" if at >= 9 * 1500 else "mvc" if 3000 <= at < 7 * 1500 else "rest"
         part = both[:, at : at + 75]
-        stamp = round((at + part.shape[1]) / RATE_HZ * 1e9)
-        start = round(at / RATE_HZ * 1e9)
-        blocks.append(
-            EmgBlock(
-                stamp_ns=stamp, start_ns=start, rate_hz=RATE_HZ, phase=phase, fds_v=part[0], edc_v=part[1]
-            )
-        )
+        blocks.append(emg_block(round(at / RATE_HZ * 1e9), phase, *part))
     whole = json.loads(run("analyse", bag_of(tmp_path / "whole", blocks), "--json").stdout)
     assert "lost_samples" not in whole["flags"]
     assert whole["duration_s"] == pytest.approx(TRIAL_S, abs=0.06)
@@ -193,9 +174,7 @@ def test_a_bag_that_is_no_one_recording_is_refused(
 ) -> None:
     part = np.zeros(100)
     blocks = [
-        EmgBlock(
-            stamp_ns=round(1e9 * at), start_ns=round(1e9 * at), rate_hz=hz, phase="", fds_v=part, edc_v=part
-        )
+        emg_block(round(1e9 * at), "", part, part, rate_hz=hz)
         for at, hz in zip(starts_s, rates_hz, strict=True)
     ]
     with pytest.raises(PalpError, match=words):

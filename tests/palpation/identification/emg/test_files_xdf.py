@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import EmgFile, read_emg
 from palp_core.palpation.identification.emg.muscles import ImportOptions, choose_muscles
@@ -170,7 +168,7 @@ def test_where_no_stream_is_of_type_emg_all_are_columns_and_that_is_noted(tmp_pa
     assert file.notes == ("no stream is of type EMG",)
 
 
-def test_what_follows_the_last_whole_chunk_is_left_out_and_said(tmp_path: Path) -> None:
+def test_what_follows_the_last_whole_chunk_is_left_out_and_noted(tmp_path: Path) -> None:
     whole = xdf(emg())
     data = whole[: len(whole) * 2 // 3]
     file = read(tmp_path, data)
@@ -205,7 +203,7 @@ def test_every_cut_is_a_note_or_an_error_in_words(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("streams", "said"),
+    ("streams", "shown"),
     [
         ((MARKERS,), "has no stream of type EMG; it has: no stream of numbers"),
         ((), "has no stream of type EMG"),
@@ -233,9 +231,9 @@ def test_every_cut_is_a_note_or_an_error_in_words(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_recording_of_emg_is_refused_in_words(
-    tmp_path: Path, streams: tuple[XdfStream, ...], said: str
+    tmp_path: Path, streams: tuple[XdfStream, ...], shown: str
 ) -> None:
-    assert said in refused(tmp_path, xdf(*streams))
+    assert shown in refused(tmp_path, xdf(*streams))
 
 
 @pytest.mark.parametrize(
@@ -256,12 +254,3 @@ def test_what_is_damaged_is_refused_in_words(
 ) -> None:
     refused(tmp_path, data)
     assert caplog.text == ""
-
-
-def test_palp_emg_import_takes_it(tmp_path: Path) -> None:
-    (tmp_path / "one.xdf").write_bytes(xdf(MARKERS, emg()))
-    out = tmp_path / "plain.csv"
-    result = CliRunner().invoke(app, ["emg", "import", str(tmp_path / "one.xdf"), "--out", str(out)])
-    assert result.exit_code == 0, result.output
-    table = np.loadtxt(out, delimiter=",", skiprows=1)
-    assert np.allclose(table[:, 1:], EMG_UV * 1e-6, rtol=1e-6)

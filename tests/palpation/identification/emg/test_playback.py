@@ -16,7 +16,7 @@ RATE_HZ = 1500.0
 
 @pytest.fixture
 def files(tmp_path: Path) -> dict[str, Any]:
-    """A recording of each phase, told by its strength, V."""
+    """A recording of each phase, known by its strength, V."""
     rng = np.random.default_rng(1)
     found: dict[str, Any] = {}
     for name, strength_v, count in (("path", 1e-4, 3000), ("mvc", 3e-4, 1500), ("rest", 2e-6, 1500)):

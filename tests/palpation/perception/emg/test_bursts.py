@@ -88,7 +88,7 @@ def test_a_short_gap_is_joined_and_a_short_burst_is_dropped_with_its_peaks() -> 
         assert (len(found.bursts), len(found.peaks)) == (count, count)
 
 
-def test_peaks_within_a_burst_are_told_apart_by_valleys_in_proportion() -> None:
+def test_peaks_within_a_burst_are_separated_by_valleys_in_proportion() -> None:
     parts = [(0.0, 0.5), (0.4, 0.6), (0.2, 0.2), (0.1, 0.1), (0.2, 0.6), (0.16, 0.2), (0.3, 0.6), (0.0, 0.5)]
     found = BurstRule(RATE_HZ).whole(pieces(*parts))
     assert [one.level for one in found.peaks] == pytest.approx([0.4, 0.3])  # 0.16 is no valley of 0.2
@@ -176,7 +176,7 @@ def test_a_burst_that_is_open_at_either_end_counts_and_an_empty_recording_has_no
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "shown"),
     [
         ({"off_share": 0.06}, "off at 0.06 and on at 0.05"),
         ({"on_share": 1.0}, "need 0 < off <= on < 1"),
@@ -187,8 +187,8 @@ def test_a_burst_that_is_open_at_either_end_counts_and_an_empty_recording_has_no
         ({"shelf_s": -0.1}, "shelf_s is -0.1"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(wrong: dict[str, float], said: str) -> None:
-    with pytest.raises(PerceptionError, match=said):
+def test_settings_that_do_not_fit_are_refused(wrong: dict[str, float], shown: str) -> None:
+    with pytest.raises(PerceptionError, match=shown):
         BurstSettings(**wrong)
 
 

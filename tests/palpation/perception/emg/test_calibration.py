@@ -65,7 +65,7 @@ def test_scatter_does_not_see_how_the_contraction_varies() -> None:
     assert scatter(np.ones(10), **LOOKS) == 0.0
 
 
-def test_the_rules_of_the_mvc_are_ordered_and_rest_is_told_from_its_quietest() -> None:
+def test_the_rules_of_the_mvc_are_ordered_and_rest_is_that_of_its_quietest() -> None:
     mvc = np.array([looks(held(5.0), 3), looks(held(5.0), 4)])
     rest = 0.05 * np.array([looks(np.ones(4500), 5), looks(np.ones(4500), 6)])[:, 20:]
     of = {rule: calibrate(mvc, rest, rule=rule, **LOOKS) for rule in get_args(MvcRule)}

@@ -140,23 +140,3 @@ def test_bad_settings_are_refused(settings_: dict[str, Any], match: str) -> None
 def test_a_draw_never_leaves_the_levels() -> None:
     assert draw(np.array([0.5, 0.5 - 1e-12]), 1.0 - 1e-16) == 1
     assert draw(np.array([0.0, 1.0]), 0.0) == 1
-
-
-@pytest.mark.parametrize("policy", POLICIES, ids=lambda p: type(p).__name__)
-@settings(deadline=None, max_examples=4)
-@given(seed=st.integers(0, 10_000), cut=st.integers(1, 9))
-def test_a_hand_over_of_state_and_generator_continues_the_same_walk(
-    seed: int, cut: int, policy: StiffnessPolicy
-) -> None:
-    whole = _walk(policy, seed, 10)
-    rng = np.random.default_rng(seed)
-    state = policy.start(rng.random)
-    for _ in range(cut):
-        state = policy.step(state, NOTHING_FELT, rng.random)
-    heir = np.random.default_rng()
-    heir.bit_generator.state = rng.bit_generator.state
-    state = RingChoice.at(int(state.level), mean_level=float(state.mean_level))
-    for expected in whole[cut + 1 :]:
-        state = policy.step(state, NOTHING_FELT, heir.random)
-        assert (state.level, state.mean_level) == (expected.level, expected.mean_level)
-        assert state.renew == expected.renew

@@ -20,7 +20,7 @@ NOTHING_FELT = latent.of_classes(np.full(3, 1 / 3))
 
 
 def readings_of(ring_sd: float, noise_sd: float = 0.05) -> OffsetModel:
-    """Two settings: the second tells the classes apart, the first does not."""
+    """Two settings: the second separates the classes, the first does not."""
     mean = np.array([[[0.0], [0.0]], [[0.0], [1.0]], [[0.0], [2.0]]])
     noise = np.full((3, 2, 1, 1), noise_sd**2)
     return OffsetModel(mean, noise, np.ones((3, 2, 1, 1)), np.array([ring_sd]), (True,))

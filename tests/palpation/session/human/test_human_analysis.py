@@ -1,4 +1,4 @@
-"""What sessions with people come to: counted by hand, refused where nobody was a person."""
+"""What sessions with people come to: counted by hand, refused where no one was a person."""
 
 from __future__ import annotations
 
@@ -46,8 +46,13 @@ def six_subjects(folder: Path, **more: Any) -> list[Path]:
         for repeat in range(5):
             for i, depth_m in enumerate(DEPTHS_M):
                 right = 7 * (5 * subject + repeat) % 30 < PUBLISHED[depth_m]  # 7 k mod 30: each once
-                said = depth_m if right else DEPTHS_M[(i + 1) % 3]
-                facts = {"depth_m": depth_m, "estimate_m": said, "answer_mm": said * 1e3, "phantom": "ABC"[i]}
+                answer_m = depth_m if right else DEPTHS_M[(i + 1) % 3]
+                facts = {
+                    "depth_m": depth_m,
+                    "estimate_m": answer_m,
+                    "answer_mm": answer_m * 1e3,
+                    "phantom": "ABC"[i],
+                }
                 rows.append(row(3 * repeat + i, subject=f"S0{subject + 1}", **facts, **more))
         folders.append(written(folder / f"S0{subject + 1}", rows))
     return folders
@@ -83,7 +88,7 @@ def test_the_papers_counts_give_the_papers_shares(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("whose", "said"),
+    ("whose", "shown"),
     [
         ({"source": "simulated"}, "the muscles are simulated"),
         ({"source": "emulator"}, "the amplifier is emulated"),
@@ -92,13 +97,13 @@ def test_the_papers_counts_give_the_papers_shares(tmp_path: Path) -> None:
         ({"answered_by": ""}, "it is unknown who answered"),
     ],
 )
-def test_who_is_no_person_has_no_accuracy_anywhere(tmp_path: Path, whose: dict[str, str], said: str) -> None:
+def test_who_is_no_person_has_no_accuracy_anywhere(tmp_path: Path, whose: dict[str, str], shown: str) -> None:
     folders = six_subjects(tmp_path)
     written(tmp_path / "one", [row(0, **whose)])  # a single such trial among 90 of people
     for chosen in ([tmp_path / "one"], [*folders, tmp_path / "one"]):
         found = analyse(gather(chosen))
         assert found["accuracy"] is None
-        assert said in found["note"]
+        assert shown in found["note"]
         assert not {"by_depth", "by_trial", "confusion", "anova", "permutation_p"} & found.keys()
         assert "%" not in headline(found)
     write_human([tmp_path / "one"], tmp_path / "page")

@@ -70,7 +70,7 @@ def test_a_spoilt_trial_is_done_again_and_an_unusable_contraction_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "shown"),
     [
         ({"repeats": 4}, "has 5 trials per phantom"),
         ({"phantoms": (PlannedPhantom("A", 0.002),)}, "two different ones"),
@@ -79,6 +79,6 @@ def test_a_spoilt_trial_is_done_again_and_an_unusable_contraction_too() -> None:
         ({"order": "alphabetical"}, "no order"),
     ],
 )
-def test_a_design_that_cannot_be_is_refused(wrong: dict[str, object], said: str) -> None:
-    with pytest.raises(PerceptionError, match=said):
+def test_a_design_that_cannot_be_is_refused(wrong: dict[str, object], shown: str) -> None:
+    with pytest.raises(PerceptionError, match=shown):
         HumanDesign(**wrong)  # type: ignore[arg-type]

@@ -1,6 +1,7 @@
 """``session.yaml``: what is missing, unfilled or wrong is shown with its line, all of it at once.
 
-A run needs one where somebody or something real is measured; report, folder and bag have it.
+A run needs one where somebody or something real is measured; report, folder and bag have it. Codes pass,
+names do not, and no refusal repeats what was typed.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.session.bag_record import launch_of
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.run_note import read_note
+from palp_core.palpation.session.sheet.identity import consent_id, subject_code
 from palp_core.palpation.session.sheet.of_run import asked_sheet, sheet_of
 from palp_core.palpation.session.sheet.sheet import (
     MEANING,
@@ -104,7 +106,7 @@ def test_every_line_of_the_template_has_a_meaning_and_is_to_be_filled_in(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("was", "becomes", "said"),
+    ("was", "becomes", "shown"),
     [
         ("operator: ÅB", "operater: ÅB", "did you mean 'operator'?"),
         ("subject: S01", "subject: Anna Smith", "the subject's code has blanks"),
@@ -120,11 +122,11 @@ def test_every_line_of_the_template_has_a_meaning_and_is_to_be_filled_in(tmp_pat
         ("lab: Motor Lab, 2nd floor", "lab: a\nlab: b", "is given twice"),
     ],
 )
-def test_a_mistake_is_shown_with_its_line(tmp_path: Path, was: str, becomes: str, said: str) -> None:
+def test_a_mistake_is_shown_with_its_line(tmp_path: Path, was: str, becomes: str, shown: str) -> None:
     assert was in FILLED
     text = FILLED.replace(was, becomes, 1)
     found = mistakes(tmp_path, text)
-    assert said in found[line_of(text, becomes.splitlines()[-1])]
+    assert shown in found[line_of(text, becomes.splitlines()[-1])]
 
 
 @pytest.mark.parametrize("text", ["", "- a\n- b\n", "lab: x\n", "phantoms: A\n", "lab: [\n", "sensor:\n"])
@@ -236,9 +238,9 @@ def run(*arguments: object) -> tuple[int, str]:
 def test_the_template_is_written_once_and_shown_with_what_it_lacks(tmp_path: Path) -> None:
     file = tmp_path / "s.yaml"
     assert run("new", file)[0] == 0
-    code, said = run("show", file)
+    code, shown = run("show", file)
     assert code != 0
-    assert f"{file}:3:" in said
+    assert f"{file}:3:" in shown
     assert "there already" in run("new", file)[1]
     assert run("new", file, "--by-hand", "--overwrite")[0] == 0
     assert "sensor" not in file.read_text()
@@ -259,3 +261,30 @@ def test_a_sheet_is_shown_of_file_folder_and_bag_and_both_have_the_same(
     assert recorded is not None
     assert recorded.began
     assert recorded == sheet_of(read_note(rig_session.out))
+
+
+@pytest.mark.parametrize("code", ["S01", "P-07", "sub-03", "VP_12", "7", "pilot2", " S01 ", "A1.2", "S1/2"])
+def test_a_code_passes_and_names_no_other_folder(code: str) -> None:
+    assert subject_code(code) == code.strip().replace("/", "-")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("", "   ", "Anna", "anna mueller", "Anna1", "Müller", "O'Neill", "AM", "Li", "anna.m@kcl.ac.uk"),
+        *("19820314", "14-03-1982", "1982.3.14", "+44 20 7836 5454", "Bob_2", "S01 Anna", "S" * 40, "Ann-01"),
+        *("../S01", "/S01", ".S01"),
+    ],
+)
+def test_what_may_be_a_person_is_refused_and_not_repeated(name: str) -> None:
+    with pytest.raises(PalpError, match="use a code as S01") as refused:
+        subject_code(name)
+    assert not name.strip() or name.strip() not in str(refused.value).replace("S01 or P-07", "")
+
+
+def test_a_consent_form_has_an_id_which_may_have_a_date() -> None:
+    assert consent_id("LRS-14/15-0703") == "LRS-14/15-0703"
+    assert consent_id("IRB-20240113-7") == "IRB-20240113-7"
+    for name in ("", "signed", "Anna Mueller 3", "Mueller-3"):
+        with pytest.raises(PalpError):
+            consent_id(name)
