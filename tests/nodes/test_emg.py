@@ -1,4 +1,4 @@
-"""The EMG source: rest, maximum contraction, rest, palpation, and then silence."""
+"""EMG: rest, maximum contraction, rest, palpation, silence; and co-contraction from it, block by block."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import functools
 import numpy as np
 import pytest
 
-from msgs.emg import EmgBlock
+from msgs.emg import CoContraction, EmgBlock
 from msgs.human import MuscleCue
 from nodes import emg
+from nodes.cocontraction import Cocontraction, CoContractionParams
 from nodes.emg import Emg
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
@@ -17,7 +18,9 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.units import Float64Array
+from tests.support.rig_messages import emg_block
 
 BEFORE_S = 9.0  # rest, MVC, rest
 
@@ -29,7 +32,7 @@ def recorded(**params: object) -> list[EmgBlock]:
 
 
 @functools.cache
-def whole() -> tuple[Float64Array, Float64Array]:
+def undisturbed() -> tuple[Float64Array, Float64Array]:
     return joined(recorded(palpation_s=1.0))
 
 
@@ -52,8 +55,8 @@ def test_neither_the_blocks_nor_the_end_of_the_palpation_change_or_lose_a_sample
 ) -> None:
     fds_v, edc_v = joined(recorded(block_samples=block_samples, palpation_s=palpation_s))
     assert len(fds_v) == np.floor((BEFORE_S + palpation_s) * 1500.0 + 1e-6) + 1
-    np.testing.assert_allclose(fds_v, whole()[0][: len(fds_v)], rtol=0.0, atol=1e-15)
-    np.testing.assert_allclose(edc_v, whole()[1][: len(edc_v)], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(fds_v, undisturbed()[0][: len(fds_v)], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(edc_v, undisturbed()[1][: len(edc_v)], rtol=0.0, atol=1e-15)
 
 
 class ScriptedSource:
@@ -176,3 +179,83 @@ def test_an_amplifier_whose_samples_come_late_has_them_in_the_phase_of_their_tim
     bench.advance(0.05)
     late = bench.sent(Emg.block)[before:][:2]
     assert [(block.phase, len(block.fds_v)) for block in late] == [("pause", 20), ("mvc", 20)]
+
+
+Whole = tuple[list[CoContraction], list[int]]
+
+
+@pytest.fixture(scope="module")
+def recording() -> list[EmgBlock]:
+    """Rest, MVC, rest and 20 s of palpation."""
+    bench = Bench(Emg, seed=4)
+    bench.advance(29.0)
+    return bench.sent(Emg.block)
+
+
+def followed(blocks: list[EmgBlock], **params: object) -> Whole:
+    """Return what is published of a recording, and the level of every peak."""
+    bench = Bench(Cocontraction, params)
+    levels, before = [], 0
+    for block in blocks:
+        bench.feed(Cocontraction.emg, block)
+        state = bench.node.state
+        levels += [state.level] * (state.peak_count - before)
+        before = state.peak_count
+    return bench.sent(Cocontraction.cocontraction), levels
+
+
+def processed(blocks: list[EmgBlock], **params: object) -> list[CoContraction]:
+    return followed(blocks, **params)[0]
+
+
+@pytest.fixture(scope="module")
+def whole(recording: list[EmgBlock]) -> Whole:
+    """What is published of the whole recording."""
+    return followed(recording)
+
+
+def test_the_command_makes_the_same_of_a_recording_as_the_node(
+    recording: list[EmgBlock], whole: Whole
+) -> None:
+    """But for the first window, for the node's filter knows what was before the palpation."""
+    parts = {
+        phase: np.concatenate([[b.fds_v, b.edc_v] for b in recording if b.phase == phase], axis=1)
+        for phase in ("rest", "mvc", "palpation")
+    }
+    found = analyse(parts["palpation"], parts["mvc"], EmgSettings(), rest=parts["rest"])
+    stream, levels = whole
+    assert found.reference == pytest.approx(stream[0].reference_v, rel=0.01)
+    given = np.concatenate([c.value for c in stream])
+    np.testing.assert_allclose(found.cocontraction[600:], given[600:], rtol=0.01, atol=1e-12)
+    assert found.levels.index.tolist()[: len(levels)] == levels
+
+
+def test_levels_are_read_as_printed_where_that_is_asked_for(recording: list[EmgBlock]) -> None:
+    some = [b for b in recording if b.start_ns < 12e9]
+    printed = processed(some, mvc_rule="sum_of_maxima", level_rule="peak")
+    assert printed[0].reference_v > 1.05 * processed(some)[0].reference_v
+
+
+def test_thresholds_that_do_not_fit_together_are_refused() -> None:
+    assert (
+        "off at 0.2 and on at 0.1"
+        in Cocontraction.examine(CoContractionParams(on_share=0.1, off_share=0.2))["on_share"]
+    )
+    assert Cocontraction.examine(CoContractionParams()) == {}
+
+
+def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock], whole: Whole) -> None:
+    relaxing = [b for b in recording if b.start_ns < 20e9]
+    idle = np.concatenate([b.fds_v for b in recording if b.phase == "rest"])[:75]
+    for _ in range(20):
+        relaxing.append(emg_block(relaxing[-1].start_ns + 50_000_000, "palpation", idle, idle))
+    counts = [c.burst_count for c in processed(relaxing)]
+    assert counts == [0] * counts.index(1) + [1] * counts.count(1)
+    assert counts.index(1) * 0.05 > 11.0  # as long as the subject does not relax, it goes on
+    first = whole[0][0]
+    assert (first.burst_count, first.level_defined) == (0, False)
+
+
+def test_nothing_is_reported_before_the_maximum_is_known(recording: list[EmgBlock]) -> None:
+    assert processed([b for b in recording if b.phase == "rest"]) == []
+    assert processed([b for b in recording if b.phase != "mvc"]) == []

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Callable
-from pathlib import Path
-
 import msgspec
 import pytest
 
@@ -22,10 +18,10 @@ from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import open_device
 from palp_core.published import published
 from tests.support import made_up_stage
+from tests.support.kept import replace
 from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
 from tests.support.permitted import PermittedBench
 
-ROOT = Path(__file__).resolve().parents[2]
 OWN_LINK = {"device": "made_up", "options": {"port": 7}, "stop_link": "port 8", "watch_processes": False}
 GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=-0.002, to_m=0.002)
 
@@ -63,11 +59,11 @@ def test_the_stage_node_sweeps_with_it() -> None:
     assert not report.moving
 
 
-def test_a_replacement_takes_over_what_it_remembers(successor: Callable[..., Bench[RigStage]]) -> None:
+def test_a_replacement_takes_over_what_it_remembers() -> None:
     stage = permitted()
     stage.run(0.1)
     stage.bench.node.memory.z_m = 0.007
-    remembered = successor(stage.bench).node.memory
+    remembered = replace(stage.bench).node.memory
     assert isinstance(remembered, MadeUpState)
     assert remembered.z_m == 0.007
 
@@ -168,13 +164,3 @@ def test_a_stage_class_that_says_nothing_of_a_second_link_has_none(monkeypatch: 
     monkeypatch.delattr(MadeUpStage, "stop_link")
     found = Safety.examine(SafetyParams(device="made_up", stop_link="port 8"))
     assert "give stop_link: none" in found["stop_link"]
-
-
-def test_the_nodes_name_no_maker() -> None:
-    makers = ("aerotech", "maestro", "ati", "noraxon", "lsl")
-    for path in sorted((ROOT / "nodes").glob("*.py")):
-        for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(statement, ast.ImportFrom) and statement.module:
-                assert not [part for part in statement.module.split(".") if part.split("_")[0] in makers], (
-                    path
-                )

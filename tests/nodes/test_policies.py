@@ -30,7 +30,7 @@ from palp_core.palpation.perception.strategy.policies import (
     StiffnessPolicy,
     everywhere,
 )
-from tests.nodes.conftest import replace, sent_bytes
+from tests.support.kept import replace, sent_bytes
 from tests.support.rig_messages import RINGS_M, belief, learnt, trial
 
 ALL: list[type[PolicyNode]] = [Fixed, Markov, Uniform, Information, Emg, Auto]
@@ -70,9 +70,18 @@ def test_every_policy_speaks_in_estimation_as_long_as_the_verdict_is_open(policy
     assert bench.executor.next_due_ns() is None
 
 
-@every
-def test_a_replacement_of_the_same_policy_continues_byte_for_byte(policy: type[PolicyNode]) -> None:
-    whole, first = begun(policy), begun(policy)
+@pytest.mark.parametrize(
+    ("policy", "params"),
+    [
+        *((one, {}) for one in ALL),
+        (Markov, {"reading": "gaussian_reset"}),
+        (Markov, {"mixture": "posterior"}),
+    ],
+)
+def test_a_replacement_of_the_same_policy_continues_byte_for_byte(
+    policy: type[PolicyNode], params: dict[str, Any]
+) -> None:
+    whole, first = begun(policy, **params), begun(policy, **params)
     for bench in (whole, first):
         bench.feed(PolicyNode.belief, belief(0, 1))
     second = replace(first)
@@ -120,7 +129,7 @@ def test_who_takes_over_says_once_from_which_palpation_on_it_chooses(in_a_trial:
         (Emg, EmgPolicyParams(trained_mm="0, 16"), [""]),
         (Emg, EmgPolicyParams(start_level=5), ["start_level"]),
         (Information, InformationParams(trained_mm="0, 16"), []),
-        (Auto, AutoParams(height_sd_mm=0.5), [""]),  # for which nothing is vouched
+        (Auto, AutoParams(height_sd_mm=0.5), [""]),  # for which no bound is known
         (Auto, AutoParams(trained_mm="4, 8"), [""]),
         (Auto, AutoParams(noise="no.yaml"), ["noise"]),
         (Fixed, FixedParams(trained_mm="sixteen"), ["trained_mm"]),

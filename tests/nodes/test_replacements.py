@@ -28,7 +28,7 @@ from nodes.torque import Torque
 from palp_core import Bench, Node
 from palp_core.graph.node.node import declaration_of
 from palp_core.graph.node.params import describe_params
-from tests.nodes.conftest import replace, sent_bytes
+from tests.support.kept import replace, sent_bytes
 from tests.support.rig_messages import mount, ring_command
 
 Feed = Callable[[Bench[Any]], None]
@@ -86,6 +86,12 @@ CASES: list[tuple[type[Node], dict[str, Any], list[Feed], list[Feed]]] = [
         {},
         [feed(Phantom.mount, mount("A")), feed(Phantom.ring, RING), feed(Phantom.pose, POSE)],
         [feed(Phantom.pose, POSE), feed(Phantom.mount, mount("A", 1))],
+    ),
+    (
+        Phantom,
+        {"world": "lab"},
+        [feed(Phantom.mount, mount("A")), feed(Phantom.ring, RING), feed(Phantom.pose, POSE)],
+        [feed(Phantom.pose, POSE)],
     ),
     (Emg, {"palpation_s": 2.0}, [wait(9.73)], [wait(10.0)]),
     (Cocontraction, {}, [muscles(0.0, 12.5)], [muscles(12.5, 16.0)]),

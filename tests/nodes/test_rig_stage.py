@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M
 from palp_core.palpation.devices.sim.stage import SimStage
 from palp_core.palpation.devices.stage.aerotech import AerotechStage
+from tests.support.kept import replace
 from tests.support.permitted import PermittedBench, ScriptedDevice
 
 FROM_M, TO_M = -0.015, 0.020
@@ -348,11 +348,11 @@ def test_a_stage_that_examines_nothing_hands_no_driver_other_limits() -> None:
 
 @pytest.mark.parametrize("activity", ["returning", "sweeping", "swept", "resting"])
 def test_a_move_that_is_under_way_at_a_hand_over_is_not_its_successors(
-    permitted: Permitted, successor: Callable[..., Bench[RigStage]], activity: str
+    permitted: Permitted, activity: str
 ) -> None:
     permitted.run(0.1)
     permitted.reach(activity)
-    permitted.bench = bench = successor(permitted.bench)
+    permitted.bench = bench = replace(permitted.bench)
     bench.advance(5.0)  # inherited timers and alarms ring, and nothing permits motion
     assert permitted.words == (["cancelled"] if activity != "resting" else [])
     assert permitted.report.condition == "closed"
@@ -361,13 +361,11 @@ def test_a_move_that_is_under_way_at_a_hand_over_is_not_its_successors(
     assert permitted.report.condition == "ok"
 
 
-def test_a_goal_that_waits_at_a_hand_over_is_swept_by_the_successor(
-    permitted: Permitted, successor: Callable[..., Bench[RigStage]]
-) -> None:
+def test_a_goal_that_waits_at_a_hand_over_is_swept_by_the_successor(permitted: Permitted) -> None:
     permitted.run(0.1)
     permitted.reach("returning")
     permitted.bench.feed(RigStage.goal, SECOND)
-    permitted.bench = bench = successor(permitted.bench)
+    permitted.bench = bench = replace(permitted.bench)
     bench.advance(5.0)  # the predecessor's move has ended
     permitted.run(20.0)
     assert permitted.words == ["cancelled", "ready", "sweeping", "swept", "ready"]
@@ -375,9 +373,9 @@ def test_a_goal_that_waits_at_a_hand_over_is_swept_by_the_successor(
 
 
 def test_what_another_device_remembered_is_refused_at_the_hand_over(
-    monkeypatch: pytest.MonkeyPatch, permitted: Permitted, successor: Callable[..., Bench[RigStage]]
+    monkeypatch: pytest.MonkeyPatch, permitted: Permitted
 ) -> None:
     permitted.run(0.1)
     monkeypatch.setattr(stage, "open_device", lambda *_, **__: AerotechStage("socket://127.0.0.1:1"))
     with pytest.raises(NodeError, match="AerotechStage remembers AerotechState, and what was handed over"):
-        successor(permitted.bench)
+        replace(permitted.bench)

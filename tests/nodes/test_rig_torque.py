@@ -1,4 +1,4 @@
-"""The real sensor's node: tares before it reports, reports every load, makes even blocks."""
+"""The torque sensor's nodes: the real one tares, reports every load and makes even blocks."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from msgs.torque import Contact
 from nodes import rig_torque
 from nodes.rig_torque import RigTorque
+from nodes.torque import Torque
 from palp_core import Bench
 from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
+from palp_core.palpation.devices.health import Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque.ati import AtiState, AtiTorque
+from palp_core.palpation.world.model import LAB
 from palp_core.units import Float64Array
 
 MS = 1_000_000
@@ -29,6 +32,7 @@ class ScriptedSensor:
     def __init__(self) -> None:
         self.waiting: list[TorqueSamples] = []
         self.is_open = False
+        self.condition = Condition.OK
 
     def open(self, *_: Any) -> None:
         self.is_open = True
@@ -37,7 +41,7 @@ class ScriptedSensor:
         self.is_open = False
 
     def health(self, now_ns: int) -> DeviceHealth:
-        return HEALTHY
+        return DeviceHealth(self.condition, now_ns, "")
 
     def drain(self, now_ns: int, state: Any, rng: Any) -> TorqueSamples:
         return self.waiting.pop(0) if self.waiting else samples([], [])
@@ -128,6 +132,16 @@ def test_silence_is_reported_too_and_the_last_sample_stays_old(sensor: ScriptedS
     assert {report.sample_ns for report in reports[2:]} == {500_000}
 
 
+@pytest.mark.parametrize("condition", Condition)
+def test_the_devices_condition_is_reported_with_every_load(
+    sensor: ScriptedSensor, condition: Condition
+) -> None:
+    bench = streaming()
+    sensor.condition = condition
+    bench.advance(0.001)
+    assert bench.sent(RigTorque.load)[-1].condition == condition.value
+
+
 def test_a_value_that_is_no_number_is_faulty_and_in_no_block(sensor: ScriptedSensor) -> None:
     bench = streaming(block_samples=3)
     sensor.waiting = [samples([1, 2, 3, 4], [0.01, float("nan"), 0.02, 0.03])]
@@ -198,3 +212,31 @@ def test_a_sensor_that_cannot_be_opened_is_not_drained(
     with pytest.raises(NodeError, match="no such port"):
         Bench(RigTorque)
     assert "a hook failed" not in caplog.text
+
+
+STEP_N_M = 1e-3 / 64
+
+
+def contact(torque_n_m: Float64Array, start_ns: int = 5_000_000) -> Contact:
+    return Contact(stamp_ns=0, goal_id=1, start_ns=start_ns, rate_hz=1000.0, torque_n_m=torque_n_m)
+
+
+def test_nothing_is_measured_while_nothing_is_swept() -> None:
+    bench = Bench(Torque)
+    bench.advance(60.0)
+    assert bench.sent(Torque.block) == []
+    assert bench.executor.next_due_ns() is None
+
+
+def test_in_the_labs_world_the_zero_walks_where_no_walk_is_given() -> None:
+    def ends(**params: object) -> Float64Array:
+        bench = Bench(Torque, params, seed=2)
+        for second in (0, 4000):
+            bench.feed(Torque.contact, contact(np.zeros(50), start_ns=second * 1_000_000_000))
+        return bench.sent(Torque.block)[-1].torque_n_m
+
+    own = LAB.bias_walk_n_m_per_sqrt_s * 1e3
+    np.testing.assert_array_equal(ends(world="lab"), ends(bias_drift_n_mm_per_sqrt_s=own))
+    given = {"bias_drift_n_mm_per_sqrt_s": 3 * own}
+    np.testing.assert_array_equal(ends(world="lab", **given), ends(**given))
+    assert abs(ends(world="lab").mean() - ends().mean()) > 2 * STEP_N_M

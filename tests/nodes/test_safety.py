@@ -16,6 +16,7 @@ from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.protocols import AxisReport, StopTimes
 from palp_core.palpation.devices.wire.aerotech import Fault
+from tests.support.kept import replace as take_over
 
 AT_REST = AxisReport(
     axis="X",
@@ -144,6 +145,13 @@ Deed = Callable[[Watched], object]
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
     return Watched(monkeypatch)
+
+
+def stopped(watched: Watched, *, rests: bool = True) -> None:
+    """Let the operator stop a sweep; the stage rests at once, or goes on."""
+    sweeping(watched)
+    watched.bench.call(Safety.stop, StopRequest())
+    watched.moving = not rests
 
 
 def sweeping(watched: Watched) -> None:
@@ -326,9 +334,7 @@ def test_motion_before_permission_is_stopped(watched: Watched) -> None:
 
 
 def test_motion_after_a_trip_is_stopped_again(watched: Watched) -> None:
-    sweeping(watched)
-    watched.bench.call(Safety.stop, StopRequest())
-    watched.moving = False
+    stopped(watched)
     watched.run(0.1)
     assert watched.link.calls == ["abort", "disable"]
     watched.moving = True
@@ -354,8 +360,7 @@ def test_a_trip_is_left_by_an_acknowledgement_once_all_is_well(watched: Watched)
 
 
 def test_a_trip_is_not_left_while_the_stage_still_moves(watched: Watched) -> None:
-    sweeping(watched)
-    watched.bench.call(Safety.stop, StopRequest())
+    stopped(watched, rests=False)
     watched.run(0.02)
     reply = watched.acknowledge()
     assert not reply.done
@@ -372,9 +377,7 @@ def test_silence_after_an_overload_is_no_all_clear(watched: Watched) -> None:
 
 
 def test_after_an_acknowledgement_the_stage_must_take_note_first(watched: Watched) -> None:
-    sweeping(watched)
-    watched.bench.call(Safety.stop, StopRequest())
-    watched.moving = False
+    stopped(watched)
     watched.released = 0
     watched.run(0.1)
     assert watched.acknowledge().done
@@ -387,9 +390,7 @@ def test_after_an_acknowledgement_the_stage_must_take_note_first(watched: Watche
 
 
 def test_after_an_acknowledgement_the_ring_must_take_note_first(watched: Watched) -> None:
-    sweeping(watched)
-    watched.bench.call(Safety.stop, StopRequest())
-    watched.moving = False
+    stopped(watched)
     watched.run(0.1)
     assert watched.acknowledge().done
     watched.silent = {"ring"}  # it is busy leaving the trip, and this was sent before
@@ -438,8 +439,7 @@ def test_without_a_trip_there_is_nothing_to_acknowledge(watched: Watched) -> Non
 
 def test_without_a_link_of_its_own_the_stage_reports_that_it_rests(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = Watched(monkeypatch, stop_link="none")
-    sweeping(watched)
-    watched.bench.call(Safety.stop, StopRequest())
+    stopped(watched, rests=False)
     watched.run(0.05)
     assert watched.status.state == "stopping"
     watched.moving = False
@@ -484,16 +484,15 @@ def test_it_stops_what_moves_when_it_ends(watched: Watched) -> None:
     assert watched.link.calls == ["abort", "disable", "close"]
 
 
-def test_a_trip_outlives_its_node(watched: Watched, successor: Any) -> None:
-    sweeping(watched)
-    watched.bench.call(Safety.stop, StopRequest())
-    following = successor(watched.bench)
+def test_a_trip_outlives_its_node(watched: Watched) -> None:
+    stopped(watched, rests=False)
+    following = take_over(watched.bench)
     following.advance(0.1)
     reply = following.call(Safety.status, StatusRequest())
     assert (reply.state, reply.cause) == ("latched", "operator")
 
 
-def test_a_move_that_nobody_could_report_of_is_stopped_at_the_end(watched: Watched) -> None:
+def test_a_move_that_was_not_reported_is_stopped_at_the_end(watched: Watched) -> None:
     watched.run(0.1)
     assert watched.status.state == "ready"
     watched.link.report = replace(watched.link.report, moving=True)  # and the stage's node is gone

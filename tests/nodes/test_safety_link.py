@@ -21,7 +21,7 @@ LONG_S = 60.0
 MS = 1_000_000
 
 
-def test_a_controller_that_neither_answers_nor_refuses_keeps_nobody_waiting(
+def test_a_controller_that_neither_answers_nor_refuses_blocks_no_watch(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     watched = Watched(monkeypatch)
@@ -121,13 +121,13 @@ def test_a_trip_reports_when_its_cause_was_measured_and_not_when_it_was_received
 
 def test_what_the_stage_reported_before_the_stop_is_no_new_motion(watched: Watched) -> None:
     sweeping(watched)
-    said_ns = watched.now_ns
-    watched.bench.clock.set(said_ns + MS)
+    seen_ns = watched.now_ns
+    watched.bench.clock.set(seen_ns + MS)
     watched.bench.call(Safety.stop, StopRequest())
-    watched.see(stamp_ns=said_ns, moving=True)
+    watched.see(stamp_ns=seen_ns, moving=True)
     assert watched.link.calls == ["abort", "disable"]
     assert watched.status.state == "latched"
-    watched.bench.clock.set(said_ns + 2 * MS)
+    watched.bench.clock.set(seen_ns + 2 * MS)
     watched.see(moving=True)
     assert watched.link.calls == ["abort", "disable"] * 2
 

@@ -71,16 +71,9 @@ def test_a_rate_that_does_not_divide_a_second_loses_no_instant() -> None:
     assert round(numbers[-1] / 1.5e-6) <= swept.leave_ns < round((numbers[-1] + 1) / 1.5e-6)
 
 
-def test_nothing_ticks_while_the_stage_is_idle() -> None:
-    bench = Bench(Stage)
-    assert bench.executor.next_due_ns() is None
-    bench.feed(Stage.goal, goal())
-    bench.advance(20.0)
-    assert bench.executor.next_due_ns() is None
-
-
 def test_the_same_sweep_again_starts_at_once_from_where_the_stage_waits() -> None:
     bench = swept_once()
+    assert bench.executor.next_due_ns() is None  # nothing ticks while the stage is idle
     begin_ns = bench.clock.now_ns()
     bench.feed(Stage.goal, goal(2))
     assert words(bench)[-1] == "sweeping"
@@ -116,7 +109,7 @@ def test_a_goal_that_comes_while_another_is_under_way_waits_for_its_end() -> Non
     assert [status.goal_id for status in bench.sent(Stage.status)] == [1, 1, 1, 2, 2, 2]
 
 
-def test_cancelling_stops_the_sweep_within_its_braking_way() -> None:
+def test_cancelling_stops_the_sweep_within_its_braking_way_and_reports_how_many_samples_it_had() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal())
     while words(bench) != ["sweeping"]:
@@ -124,10 +117,11 @@ def test_cancelling_stops_the_sweep_within_its_braking_way() -> None:
     bench.advance(2.0)
     before_m, _ = place_m(bench)
     bench.feed(Stage.goal, cancel())
-    count = len(bench.sent(Stage.pose))
+    count = sum(len(pose.position_m) for pose in bench.sent(Stage.pose))
+    assert bench.sent(Stage.status)[-1].sample_count == count > 1000
     bench.advance(5.0)
     assert words(bench) == ["sweeping", "cancelled", "ready"]
-    assert len(bench.sent(Stage.pose)) == count
+    assert sum(len(pose.position_m) for pose in bench.sent(Stage.pose)) == count
     assert bench.executor.next_due_ns() is None
     assert place_m(bench)[0] - before_m == pytest.approx(0.0002, abs=1e-6)  # v^2 / (2 a)
 
@@ -145,17 +139,6 @@ def test_a_goal_that_is_over_or_another_one_is_not_cancelled() -> None:
     bench.feed(Stage.goal, cancel())  # of goal 1, and late
     bench.advance(20.0)
     assert words(bench)[3:] == ["sweeping", "swept", "ready"]
-
-
-def test_a_sweep_that_is_cancelled_reports_how_many_samples_it_had() -> None:
-    bench = Bench(Stage)
-    bench.feed(Stage.goal, goal())
-    while words(bench) != ["sweeping"]:
-        bench.advance(0.01)
-    bench.advance(2.0)
-    bench.feed(Stage.goal, cancel())
-    count = sum(len(pose.position_m) for pose in bench.sent(Stage.pose))
-    assert bench.sent(Stage.status)[-1].sample_count == count > 1000
 
 
 def test_after_a_cancelled_sweep_the_next_one_is_whole() -> None:

@@ -1,4 +1,4 @@
-"""A blinded session with a person: depths are told in training, and nobody knows them in estimation."""
+"""A blinded session with a person: depths are known in training, and to no one in estimation."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ def test_estimation_has_codes_in_table_files_and_messages_and_training_depths(ou
     assert all(row.phantom in row.emg for row in estimation)
     with Bag(out / "bag") as bag:
         begun = [one.value for one in bag.messages(["/session/begun"])]
-        told = b"\0".join(one.payload for one in bag.recorded(["/session/begun", "/session/cue"]))
+        open_to_all = b"\0".join(one.payload for one in bag.recorded(["/session/begun", "/session/cue"]))
         coded = [(one.stream.topic.name, bytes(one.payload)) for one in bag.recorded()]
         launch = str(bag.attachments()).encode()
     assert [one.depth_m for one in begun[3:]] == [0.0] * 3
-    assert told.count(struct.pack(">d", DEPTHS_M["A"])) == 1  # of training
+    assert open_to_all.count(struct.pack(">d", DEPTHS_M["A"])) == 1  # of training
     assert not any(code.encode() in launch for code in codes)
     for code, own in codes.items():  # what a page or palp topic echo gets; an answer may well be right
         shown = [payload for name, payload in coded if code.encode() in payload and name != "/session/result"]
@@ -102,7 +102,7 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(copy: Pa
     assert "is not sealed" in str(again.exception)
 
 
-def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_again(copy: Path) -> None:
+def test_a_folder_of_sessions_says_that_it_is_blinded_and_its_report_is_made_again(copy: Path) -> None:
     (entry,) = find_sessions(copy)
     assert entry.words == "with a person, 6 trials, 3 of them blinded, whole"
     assert rows_of([entry], copy)[1][4] == "-"
@@ -167,8 +167,8 @@ def exchanged_depths(key: Path) -> bytes:
     """Return a key with the same codes, in which two phantoms have each other's depth and own code."""
     content = json.loads(opened(SEAL, key.read_bytes()))
     first, second, *_ = sorted(content["was"])
-    for told in (content["phantoms"], content["was"]):
-        told[first], told[second] = told[second], told[first]
+    for depths in (content["phantoms"], content["was"]):
+        depths[first], depths[second] = depths[second], depths[first]
     return sealed(SEAL, json.dumps(content).encode())
 
 
@@ -181,9 +181,7 @@ def test_another_key_opens_nothing_and_resumes_nothing(copy: Path, forge: Callab
         unseal(copy, "with the wrong key")
     assert {path: path.read_bytes() for path in copy.iterdir() if path.is_file()} == before
     summary = read_note(copy)
-    of_copy = {
-        node: told | {"key": str(key)} if "key" in told else told for node, told in summary.params.items()
-    }
+    of_copy = {node: of | {"key": str(key)} if "key" in of else of for node, of in summary.params.items()}
     resumed = msgspec.structs.replace(summary, params=of_copy)
     with pytest.raises(PalpError, match="another session's key, or was changed"):
         refuse_other_key(resumed, copy)
@@ -254,25 +252,25 @@ def by_file(rows: list[HumanRow]) -> list[HumanRow]:
     return sorted(rows, key=lambda row: row.emg)
 
 
-def test_while_it_is_sealed_strategies_are_learnt_of_told_depths_and_of_all(out: Path) -> None:
+def test_while_it_is_sealed_strategies_are_learnt_of_known_depths_and_of_all(out: Path) -> None:
     done = CliRunner().invoke(emg.app, ["fit-policy", str(out), "--json"])
     learnt = json.loads(done.stdout)
-    told = [row.depth_m for row in by_file(read_human(out))]
-    assert [one["depth_m"] for one in learnt["trials"]] == told
-    assert told.count(None) == 3
+    known = [row.depth_m for row in by_file(read_human(out))]
+    assert [one["depth_m"] for one in learnt["trials"]] == known
+    assert known.count(None) == 3
     assert "the depth of 3 trials is sealed" in done.stderr
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "shown"),
     [
         ("order:=paper", "order:=paper is published"),
         ("emg:=lsl", "palp session seal KEY"),
     ],
 )
-def test_what_would_tell_is_refused_before_anything_starts(given: str, said: str, tmp_path: Path) -> None:
+def test_what_would_unblind_is_refused_before_anything_starts(given: str, shown: str, tmp_path: Path) -> None:
     order = [] if given.startswith("order") else ["order:=counterbalanced"]
-    with pytest.raises(GraphProblems, match=said):
+    with pytest.raises(GraphProblems, match=shown):
         check_here(HUMAN, ["blind:=true", given, *order, f"out:={tmp_path / 'out'}"])
     check_here(HUMAN, ["blind:=true", "order:=counterbalanced", f"out:={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()

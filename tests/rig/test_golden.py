@@ -1,6 +1,6 @@
-"""Every node of the rig says again what it said: a change of an output shows as its first difference.
+"""Every node of the rig says the same again: a change of an output shows as its first difference.
 
-Where the change is meant, ``tests/golden/renew.py --reason ...`` records the runs anew.
+Where the change is meant, ``tests/golden/renew.py --reason ...`` records the runs again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ WHY = yaml.safe_load((HERE / RENEWED).read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(("node", "name"), NODES, ids=[node for node, _ in NODES])
-def test_the_node_says_what_it_said(
+def test_the_node_says_the_same_again(
     node: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bag = HERE / f"{name}.mcap"

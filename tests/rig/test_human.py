@@ -52,18 +52,6 @@ def test_the_sheet_goes_with_all_that_is_kept(study: list[Path]) -> None:
     assert "simulation" in (study[1] / "session.yaml").read_text()
 
 
-def test_every_trial_of_every_subject_is_there_with_its_emg(study: list[Path]) -> None:
-    for number, folder in enumerate(study, start=1):
-        rows = read_human(folder)
-        assert [row.phase for row in rows] == ["training"] * 3 + ["estimation"] * 3
-        assert {row.subject for row in rows} == {f"S{number:02d}"}
-        assert sorted(row.phantom for row in rows[:3]) == ["A", "B", "C"]
-        assert all(row.palpation_s == pytest.approx(2.0) and row.lost_count == 0 for row in rows)
-        assert all((folder / row.emg).stat().st_size > 10_000 for row in rows)
-        with Bag(folder / "bag") as bag:
-            assert {"/emg/block", "/session/prompt", "/session/result", "/session/bars"} <= set(bag.topics())
-
-
 def test_the_kept_emg_is_what_was_measured(study: list[Path]) -> None:
     row = read_human(study[0])[0]
     with np.load(study[0] / row.emg) as kept:

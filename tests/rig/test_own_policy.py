@@ -8,13 +8,10 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
-from palp_core.palpation.session.report import write
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
-from tests.support.sessions import no_charts
 
 OWN = '''
 import dataclasses
@@ -101,11 +98,11 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "my_policy.py").write_text(OWN)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for name, stiff, record in (("Mine", 16, folder / "bag"), ("Bare", 12, None)):
+        for name, stiff in (("Mine", 16), ("Bare", 12)):
             small = ["trials:=1", "training:=1", "seed:=3", f"rings_mm:=4, {stiff}"]
             own = [f"policy:=my_policy.py:{name}", f"out:={name}"]
             own += [f"policy.ring_mm:={stiff}.0"] if name == "Bare" else []
-            with ComposedGraph(SIM, overrides=[*small, *own], record=record) as graph:
+            with ComposedGraph(SIM, overrides=[*small, *own]) as graph:
                 assert graph.run().exit_code == 0
     return folder
 
@@ -130,14 +127,6 @@ def test_result_page_and_overview_say_who_decided_and_how_to_run_it_again(here: 
     assert "policy:=my_policy.py:Mine" in page
     (entry,) = find_sessions(here / "Mine")
     assert entry.design.startswith("my_policy.py:Mine; ")
-
-
-def test_the_bag_gives_the_same_rows_and_the_class(here: Path) -> None:
-    with no_charts():
-        write(here / "again", write_record(here / "bag", here / "again"))
-    assert (here / "again" / "trials.csv").read_bytes() == (here / "Mine" / "trials.csv").read_bytes()
-    result = json.loads((here / "again" / "result.json").read_text())
-    assert result["policy_class"] == "my_policy.py:Mine"
 
 
 def test_a_node_with_nothing_but_what_a_policy_needs_will_do(here: Path) -> None:

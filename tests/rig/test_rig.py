@@ -1,4 +1,4 @@
-"""The rig in lockstep: the same bytes as processes, composed and under load, and a record worth having."""
+"""The rig in lockstep: the same bytes as processes, composed, under load, whatever blocks travel."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from typing import Any
 import pytest
 
 from palp_core.graph.launch.summary import summary_of
-from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import SIM
 from tests.support.rig_session import BriefGraph, ComposedGraph, RigSession, check_here
-from tests.support.sessions import charts_in, without_times
+from tests.support.sessions import without_times
 
 SHORT = (
     "trials:=1",
@@ -37,10 +36,11 @@ class Ran:
     result: dict[str, Any]
 
 
-def ran(kind: type[BriefGraph], out: Path) -> Ran:
+def ran(kind: type[BriefGraph], out: Path, *given: str) -> Ran:
     """Run it; it is written where the others are: that is an argument."""
     frames: list[bytes] = []
-    with kind(SIM, observe=lambda _, frame: frames.append(frame), overrides=[*SHORT, f"out:={out}"]) as graph:
+    overrides = [*SHORT, f"out:={out}", *given]
+    with kind(SIM, observe=lambda _, frame: frames.append(frame), overrides=overrides) as graph:
         assert graph.run().exit_code == 0
     files = {path.name: path.read_bytes() for path in (out / "sweeps").iterdir()}
     files |= {name: (out / name).read_bytes() for name in ("trials.csv", "primitives.json")}
@@ -49,25 +49,53 @@ def ran(kind: type[BriefGraph], out: Path) -> Ran:
     return Ran(frames, files, result)
 
 
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where every session of this file is written."""
+    return tmp_path_factory.mktemp("rig") / "out"
+
+
+@pytest.fixture(scope="module")
+def whole(out: Path) -> Ran:
+    return ran(ComposedGraph, out)
+
+
 @pytest.mark.expensive(
     "the rig's nine processes: that they say what a composed graph says is held here alone"
 )
-def test_processes_and_composition_give_the_same_bytes_and_the_same_result(tmp_path: Path) -> None:
-    whole = ran(ComposedGraph, tmp_path / "out")
+def test_processes_and_composition_give_the_same_bytes_and_the_same_result(whole: Ran, out: Path) -> None:
     assert len(whole.files) > 15
-    assert ran(BriefGraph, tmp_path / "out") == whole
+    assert ran(BriefGraph, out) == whole
 
 
 @pytest.mark.nightly
-def test_load_changes_no_byte_and_no_result(tmp_path: Path) -> None:
-    whole = ran(ComposedGraph, tmp_path / "out")
+def test_load_changes_no_byte_and_no_result(whole: Ran, out: Path) -> None:
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
-        assert ran(BriefGraph, tmp_path / "out") == whole
+        assert ran(BriefGraph, out) == whole
     finally:
         for burner in burners:
             burner.kill()
             burner.wait()
+
+
+@pytest.mark.parametrize(
+    ("world", "samples"),
+    [
+        ("paper", 500),
+        *(pytest.param("paper", n, marks=pytest.mark.nightly) for n in (50, 100, 250, 350)),
+        *(pytest.param("lab", n, marks=pytest.mark.nightly) for n in (50, 350)),
+    ],
+)
+def test_how_many_samples_travel_together_changes_no_byte_of_the_record(
+    world: str, samples: int, whole: Ran, out: Path
+) -> None:
+    """Times too: the end of a sweep is reported at the same instant, however long blocks are."""
+    usual = whole if world == "paper" else ran(ComposedGraph, out, f"world:={world}")
+    found = ran(ComposedGraph, out, f"world:={world}", f"stage.block_samples:={samples}")
+    assert found.files == usual.files
+    counts = [sum(frame.startswith(b"/torque/block\0") for frame in one.frames) for one in (found, usual)]
+    assert counts[0] > counts[1]
 
 
 def test_the_record_names_each_phantoms_rung_bound_and_the_guards_that_acted(rig_session: RigSession) -> None:
@@ -78,30 +106,6 @@ def test_the_record_names_each_phantoms_rung_bound_and_the_guards_that_acted(rig
     assert "ring_m = 0.016: small strain" in guards["A"]
     assert guards["C"] == ""
     assert "/phantom/guard" in json.dumps(rig_session.digest)
-
-
-def test_a_session_leaves_a_whole_record_and_a_report(rig_session: RigSession) -> None:
-    out, result = rig_session.out, rig_session.result
-    rows = read_rows(out)
-    training = [row for row in rows if row.phase == "training"]
-    assert len(training) == 2 * 3 * 5
-    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(1, 7))
-    assert [row.row for row in rows] == list(range(len(rows)))
-    for row in rows:
-        torque_n_m, rate_hz = read_sweep(out, row.row)
-        assert rate_hz == 1000.0
-        assert len(torque_n_m) == 4000
-        assert row.start_ns < row.end_ns
-        assert row.true_ring_m is not None
-        assert abs(row.true_ring_m - row.ring_m) <= 0.3e-3 + 1e-12
-    for key in (
-        "policy", "seed", "trials", "accuracy", "probes_mean", "stop_rule", "verdicts", "calibration",
-        "protocol", "sim_time_s", "wall_time_s", "sweep_s_per_wall_s",
-    ):  # fmt: skip
-        assert key in result
-    page = (out / "report.html").read_text()
-    assert "this session only" in page
-    assert "accuracy" in charts_in(out / "report.html")
 
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])

@@ -109,10 +109,10 @@ def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_al
     palp = Palp(rig.run_folder)
     monkeypatch.chdir(tmp_path)  # where the rig was launched, as its operator is
     assert palp.here("stop").stdout.startswith("latched: operator")
-    said = palp.here("safety", "status")
-    assert said.returncode == 1
-    assert said.stdout.startswith("latched: operator: palp stop\nverified:\n  own link, y ")
-    assert "\nnot verified:\n  emergency stop " in said.stdout
+    shown = palp.here("safety", "status")
+    assert shown.returncode == 1
+    assert shown.stdout.startswith("latched: operator: palp stop\nverified:\n  own link, y ")
+    assert "\nnot verified:\n  emergency stop " in shown.stdout
     assert rig.stage.at_rest()
     lines = [line for _, _, line in rig.stage.log()]
     last_move = max(i for i, line in enumerate(lines) if line.startswith("MOVE"))

@@ -26,7 +26,6 @@ from tests.support.sessions import blank_charts
 
 __all__ = ["blank_charts"]
 
-LAUNCHES = ("sim", "emulated", "rig")
 LONG = ("trials:=40", "training:=25")
 
 
@@ -50,7 +49,7 @@ def test_a_second_launch_into_a_session_is_refused_before_anything_starts(occupi
     assert contents(occupied) == before
 
 
-def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path) -> None:
+def test_the_check_says_what_only_a_start_would_say(palp: Palp, occupied: Path) -> None:
     before = contents(occupied)
     done = palp.here("launch", SIM, "--check", f"out:={occupied}")
     assert (done.returncode, "holds a session already" in done.stderr) == (2, True), done.stderr
@@ -63,9 +62,8 @@ def test_the_check_says_what_only_a_start_would_tell(palp: Palp, occupied: Path)
     assert contents(occupied) == before
 
 
-@pytest.mark.parametrize("name", LAUNCHES)
-def test_by_default_a_session_has_a_folder_named_by_its_time(name: str) -> None:
-    checked = check_here(SIM.with_name(f"{name}.yaml"))
+def test_by_default_a_session_has_a_folder_named_by_its_time() -> None:
+    checked = check_here(SIM)
     assert re.fullmatch(r"results/\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d", checked.args["out"])
     assert checked.args["overwrite"] is False
 
@@ -94,12 +92,12 @@ def interrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_a_session_that_is_interrupted_says_how_far_it_came_and_what_is_kept(
     interrupted: tuple[Path, str],
 ) -> None:
-    out, said = interrupted
+    out, shown = interrupted
     count = len(read_rows(out))
     words = f"nfinished: {count} of 375 palpations of training"
-    assert f"U{words}, because: interrupted by SIGINT." in said
+    assert f"U{words}, because: interrupted by SIGINT." in shown
     kept = f"Kept: {counted(count, 'palpation')} (trials.csv, sweeps/) and result.json in {out}. Report: "
-    assert said.splitlines()[-1] == f"{kept}{out}/report.html"
+    assert shown.splitlines()[-1] == f"{kept}{out}/report.html"
     assert f"(u{words})" in (out / "report.html").read_text()
     unfinished = json.loads((out / "result.json").read_text())["unfinished"]
     assert unfinished == {
@@ -121,9 +119,11 @@ def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_l
         process.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(INSIST_NS / 1e9 + 0.1)
-    said, errors = process.communicate(timeout=PATIENCE_S)
+    shown, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, errors
-    assert "No report was written: the end was asked for twice; `palp session report` makes it later." in said
+    assert (
+        "No report was written: the end was asked for twice; `palp session report` makes it later." in shown
+    )
     assert "interrupted by SIGINT; all nodes exited" in errors
     assert "Traceback" not in errors
     assert palp.all_gone()

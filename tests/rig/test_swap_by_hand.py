@@ -37,7 +37,7 @@ def run(out: Path, *, bag: Path | None = None) -> None:
     from msgs.estimation import Belief
 
     felt: list[int] = []
-    told: list[tuple[int, int]] = []
+    beliefs: list[tuple[int, int]] = []
 
     def take(now_ns: int, frame: bytes) -> None:
         if frame.startswith(b"/estimator/palpation\0"):
@@ -47,8 +47,8 @@ def run(out: Path, *, bag: Path | None = None) -> None:
                 graph.swaps.plan(now_ns, fixed)
         if frame.startswith(b"/estimator/belief\0"):
             belief = decode(Belief, parse(frame).payload)
-            told.append((belief.trial, belief.iteration))
-            if belief.iteration == 2 and len({trial for trial, _ in told}) == 2:
+            beliefs.append((belief.trial, belief.iteration))
+            if belief.iteration == 2 and len({trial for trial, _ in beliefs}) == 2:
                 graph.swaps.plan(now_ns + 1, SwapRequest(node="policy", run="nodes.policy_uniform:Uniform"))
 
     swaps = "swaps:=4=nodes.policy_markov:Markov"
@@ -98,7 +98,7 @@ def test_result_page_and_overview_name_all_who_decided_and_the_page_what_no_comm
         ("ff mm mu uu", "f1.1 m2.1"),
     ],
 )
-def test_another_choice_than_planned_is_by_hand_whoever_it_is(chose: str, by_hand: str) -> None:
+def test_another_choice_than_planned_is_by_hand(chose: str, by_hand: str) -> None:
     names = {"m": "markov", "u": "uniform", "f": "fixed"}
     facts = [
         {"policy": names[one], "trial": trial, "iteration": iteration}
@@ -121,7 +121,7 @@ def test_the_bag_gives_the_same_rows_and_changes(folder: Path) -> None:
     assert changes[0] == changes[1]
 
 
-def test_a_swap_in_training_is_told_with_when_and_who_gave_way_is_not_said_to_have_estimated(
+def test_a_swap_in_training_is_listed_with_its_time_and_who_gave_way_has_estimated_nothing(
     folder: Path,
 ) -> None:
     change, *_ = json.loads((folder / "out" / "result.json").read_text())["changes"]

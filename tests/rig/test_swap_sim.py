@@ -57,6 +57,12 @@ def test_a_nodes_plan_swaps_at_an_exact_time_with_the_same_bytes_everywhere(laun
     assert all(b"\xa5Other" in frame for frame in makers[len(old) :])
 
 
+@pytest.fixture(scope="module")
+def plain(launch: Path) -> list[bytes]:
+    """What is published where nothing but the plan's own swap is done."""
+    return _run(launch, [], compose=True, run="swap_toys:Relay")
+
+
 @HOW
 def test_a_planned_swap_that_fails_ends_the_run(launch: Path, *, compose: bool) -> None:
     with graph_of(launch, compose=compose) as graph:
@@ -74,9 +80,10 @@ def test_a_plan_that_is_no_plan_ends_the_run_by_name(launch: Path, params: str) 
 
 @HOW
 @pytest.mark.parametrize("step", ["configure", "state", "take over"])
-def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose: bool) -> None:
+def test_a_fault_changes_no_byte_of_the_run(
+    launch: Path, plain: list[bytes], step: str, *, compose: bool
+) -> None:
     params = {"step": step, "deed": "raise"}
-    plain = _run(launch, [], compose=True, run="swap_toys:Relay")
     frames: list[bytes] = []
     with graph_of(launch, compose=compose, observe=lambda _, frame: frames.append(frame)) as graph:
         graph.plan_swap(0.1, "relay", "swap_toys:Faulty", **params)
@@ -136,7 +143,13 @@ PROBATIONS: list[tuple[str, str, int, list[str]]] = [
     ],
 )
 def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
-    launch: Path, run: str, deed: str, after: int, makers: list[str], ways: tuple[bool, ...]
+    launch: Path,
+    plain: list[bytes],
+    run: str,
+    deed: str,
+    after: int,
+    makers: list[str],
+    ways: tuple[bool, ...],
 ) -> None:
     found = []
     for compose in ways:
@@ -159,7 +172,6 @@ def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
     assert [number.sequence for number in numbers] == list(range(1, len(values) + 1))
     by = [maker for maker, _ in itertools.groupby(value["by"] for value in values)]
     assert by == [*makers, "Other"]  # the plan's own swap comes later
-    plain = _run(launch, [], compose=True, run="swap_toys:Relay")
     if makers == ["Relay"]:
         assert _without_orders(found[0]) == _without_orders(plain)
 
@@ -217,7 +229,7 @@ def _without_orders(frames: list[bytes]) -> list[bytes]:
 
 
 @HOW
-def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path, *, compose: bool) -> None:
+def test_a_shadow_in_simulated_time_runs_along_and_changes_nothing(launch: Path, *, compose: bool) -> None:
     with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
         request = SwapRequest(node="relay", run="swap_toys:Other", shadow_s=0.1, dry_run=True)
         graph.swaps.plan(50_000_000, request)
@@ -266,6 +278,8 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
 
 
 BAD_POLICIES = """
+import dataclasses
+
 from nodes.policy_fixed import Fixed
 from palp_core.palpation.perception.strategy.policies import FixedRing
 
@@ -294,14 +308,6 @@ class Tired(Fixed):
         if self.asked > 2:  # once it is tried, once it does well
             raise RuntimeError("tired")
         return self.policy
-"""
-
-
-BEGINNER = """
-import dataclasses
-
-from nodes.policy_fixed import Fixed
-from palp_core.palpation.perception.strategy.policies import FixedRing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -317,55 +323,40 @@ class Astray(Fixed):
 
 
 def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
+    """Nor does one that comes in training: it has proven nothing before it has chosen."""
     bad = tmp_path / "bad.py"
     bad.write_text(BAD_POLICIES)
+    felt: list[int] = []
     beliefs: list[int] = []
 
-    def take(now_ns: int, frame: bytes) -> None:
-        if frame.startswith(b"/estimator/belief\0"):
-            beliefs.append(now_ns)
-            name = {2: "Silent", 3: "Tired", 6: "Late", 9: "Untrained"}.get(len(beliefs))
-            if name:
-                wanted = (
-                    Probation(10, 60.0) if name == "Tired" else Probation()
-                )  # what policies have by default
-                request = SwapRequest(node="policy", run=f"{bad}:{name}", probation=wanted)
-                graph.swaps.plan(now_ns, request)
-
-    small = ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "shared.stop:=fixed_number")
-    with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
-        failures = _forgiving(graph)
-        assert graph.run().exit_code == 0
-    assert [(failure.step, failure.text.split(":")[-1]) for failure in failures[:3]] == [
-        ("state", " 'NoneType' object has no attribute 'start'"),
-        ("probation", " tired"),
-        ("probation", " late"),
-    ]
-    (asked,) = failures[3:]
-    assert asked.step == "probation"
-    assert "ring position 17 mm is not trained; trained are 0, 4, 8, 12, 16 mm" in asked.text
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])
-
-
-def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen(tmp_path: Path) -> None:
-    bad = tmp_path / "beginner.py"
-    bad.write_text(BEGINNER)
-    felt: list[int] = []
+    def plan(now_ns: int, name: str, probation: Probation) -> None:
+        request = SwapRequest(node="policy", run=f"{bad}:{name}", probation=probation, timeout_s=600.0)
+        graph.swaps.plan(now_ns, request)
 
     def take(now_ns: int, frame: bytes) -> None:
         if frame.startswith(b"/estimator/palpation\0"):
             felt.append(now_ns)
             if len(felt) == 2:
-                request = SwapRequest(
-                    node="policy", run=f"{bad}:Astray", probation=Probation(), timeout_s=600.0
-                )
-                graph.swaps.plan(now_ns, request)
+                plan(now_ns, "Astray", Probation())
+        if frame.startswith(b"/estimator/belief\0"):
+            beliefs.append(now_ns)
+            name = {2: "Silent", 3: "Tired", 6: "Late", 9: "Untrained"}.get(len(beliefs))
+            if name:  # policies have the other probation by default
+                plan(now_ns, name, Probation(10, 60.0) if name == "Tired" else Probation())
 
-    small = ("trials:=1", "training:=1", "seed:=4", "policy:=fixed")
+    small = ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "shared.stop:=fixed_number")
     with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
         failures = _forgiving(graph)
         assert graph.run().exit_code == 0
-    assert len(felt) > 15  # training, and then the trials of the old one
-    (failure,) = failures
-    assert (failure.step, "does not know where to begin" in failure.text) == ("probation", True)
+    assert len(felt) > 30  # training, and then the trials of the old one
+    assert [(failure.step, failure.text.split(":")[-1]) for failure in failures[:4]] == [
+        ("probation", " does not know where to begin"),
+        ("state", " 'NoneType' object has no attribute 'start'"),
+        ("probation", " tired"),
+        ("probation", " late"),
+    ]
+    (asked,) = failures[4:]
+    assert asked.step == "probation"
+    assert "ring position 17 mm is not trained; trained are 0, 4, 8, 12, 16 mm" in asked.text
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])

@@ -84,15 +84,15 @@ def by_topic(bag: Path) -> dict[str, list[Any]]:
 
 
 def test_the_stage_rests_within_a_millimetre_of_the_block_that_decided(folder: Path) -> None:
-    said = by_topic(folder / "bag")
-    decided = [one for one in said["/estimator/outlook"] if one.value.verdict == "decided"]
-    cancelled = [one for one in said["/stage/status"] if one.value.status == "cancelled"]
+    published = by_topic(folder / "bag")
+    decided = [one for one in published["/estimator/outlook"] if one.value.verdict == "decided"]
+    cancelled = [one for one in published["/stage/status"] if one.value.status == "cancelled"]
     assert 4 <= len(cancelled) <= len(decided)
     speed, brakes_m = 0.020, 0.020**2 / 2.0
     for stop in cancelled:
         last = max(one.value.sample_ns for one in decided if one.log_ns <= stop.log_ns)
         assert (stop.value.stamp_ns - last) * 1e-9 * speed + brakes_m < 1e-3 + 0.050 * speed
-    resting = {one.value.goal_id for one in said["/stage/status"] if one.value.status == "ready"}
+    resting = {one.value.goal_id for one in published["/stage/status"] if one.value.status == "ready"}
     assert {stop.value.goal_id for stop in cancelled[:-1]} <= resting  # the run ends with the last decision
 
 
@@ -127,15 +127,15 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
         "trials:=1",
         "training:=1",
         "shared.trace_filter:=second_order",
-    )  # for so little training none is vouched for
+    )  # for so little training none has a bound
     small = ("policy:=fixed", *few, "rings_mm:=8, 16", f"host:={host}", f"out:={out}")
     emulated = ROOT / "launch" / "emulated.yaml"
     done = palp.run("launch", emulated, "protocol:=swift", *small, *LENIENT, "--record", tmp_path / "bag")
     assert done.returncode == 0, done.stderr
     ends = [row for row in read_rows(out) if row.verdict == "decided"]
     assert len(ends) == 3
-    said = by_topic(tmp_path / "bag")
-    decided_ns = [one.log_ns for one in said["/estimator/outlook"] if one.value.verdict == "decided"]
+    published = by_topic(tmp_path / "bag")
+    decided_ns = [one.log_ns for one in published["/estimator/outlook"] if one.value.verdict == "decided"]
     for row in ends:  # a slow machine decides late: what was decided in time ends the sweep, and nothing else
         first_ns = min((ns for ns in decided_ns if row.start_ns <= ns), default=row.end_ns)
         spare_s = WHOLE_S - (first_ns - row.start_ns) * 1e-9
@@ -143,4 +143,4 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
         assert length_s(row) >= WHOLE_S - 0.2 or first_ns <= row.end_ns
     again = reanalyse(read_sweeps(out), SWIFT)
     assert [trial.estimate_m for trial in again.trials] == [row.estimate_m for row in ends]
-    assert "/safety/trip" not in said
+    assert "/safety/trip" not in published

@@ -12,8 +12,8 @@ from msgs.stage import SweepGoal
 from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.palpation.session.trials_csv import read_rows
-from tests.nodes.conftest import replace
 from tests.nodes.test_experiment import DEPTHS_M, Rig, params_in
+from tests.support.kept import replace
 
 ORDERS = ["cancelled, belief", "belief, cancelled", "swept first", "cancelled by others first"]
 
@@ -99,7 +99,7 @@ def test_a_decided_sweep_is_stopped_once_and_ends_its_trial(order: str, tmp_path
     assert len(rig.goals) == len(read_rows(tmp_path))  # nothing was swept twice
 
 
-def test_a_sweep_that_nobody_has_decided_is_swept_again(tmp_path: Path) -> None:
+def test_a_sweep_that_was_stopped_undecided_is_swept_again(tmp_path: Path) -> None:
     class Halting(Rig):
         halted = False
 
@@ -126,9 +126,3 @@ def test_a_replacement_knows_that_the_sweep_is_decided(tmp_path: Path) -> None:
     rig.run()
     assert rig.bench.executor.exit_code == 0
     assert len(rig.goals) == len(read_rows(tmp_path))
-
-
-def test_without_re_homing_no_ring_is_sent_to_its_stop(tmp_path: Path) -> None:
-    rig = Rig(Bench(Experiment, params_in(tmp_path, rehome="never")))
-    rig.run()
-    assert not any(getattr(one, "rehome", False) for one in rig.asked)

@@ -1,4 +1,4 @@
-"""The node that leads a person: what it asks, what it takes for an answer, what it keeps."""
+"""The node that leads a person: what it asks, takes for an answer and keeps, and how it resumes."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msgs.emg import EmgBlock
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
 from nodes.human.params import HumanParams
 from nodes.human.session import HumanSession
 from palp_core import Bench
-from palp_core.errors import NodeError
+from palp_core.errors import NodeError, PalpError
+from palp_core.palpation.session.human.blinding import unseal
 from palp_core.palpation.session.human.questions import AGAIN, IDENTITY, QUESTION
-from palp_core.palpation.session.human.record import read_human
+from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human, refuse_human
+from tests.support.kept import Kept, go_on, replace
+from tests.support.rig_messages import emg_block
 
 RATE_HZ, BLOCK_S = 1500.0, 0.1
 STRENGTH_V = {"rest": 1e-6, "mvc": 300e-6, "palpation": 100e-6, "pause": 1e-6}
@@ -56,17 +58,7 @@ class Lab:
             if self.gain > 1.0 and phase == "mvc":
                 volts = np.clip(volts, -400e-6, 400e-6)
             self.bench.advance(BLOCK_S)
-            self.bench.feed(
-                HumanSession.emg,
-                EmgBlock(
-                    stamp_ns=start_ns,
-                    start_ns=start_ns,
-                    rate_hz=RATE_HZ,
-                    phase=phase,
-                    fds_v=volts[0],
-                    edc_v=volts[1],
-                ),
-            )
+            self.bench.feed(HumanSession.emg, emg_block(start_ns, phase, *volts))
 
     def calibrate(self) -> None:
         for _ in ("rest", "mvc"):
@@ -216,12 +208,12 @@ def test_without_emg_there_is_no_session(lab: Lab) -> None:
         lab.bench.advance(4.0)
 
 
-def test_a_replacement_goes_on_in_the_midst_of_a_trial(lab: Lab, successor) -> None:  # type: ignore[no-untyped-def]
+def test_a_replacement_goes_on_in_the_midst_of_a_trial(lab: Lab) -> None:
     lab.calibrate()
     lab.trial()
     assert lab.say().taken
     lab.go(0.5)
-    second = successor(lab.bench)
+    second = replace(lab.bench)
     asked = lab.prompt.number
     second.advance_to(lab.bench.clock.now_ns())
     lab.bench = second
@@ -243,3 +235,80 @@ def test_any_depth_may_be_reported_in_mm_and_the_nearest_counts(tmp_path: Path) 
     assert not lab.say("31").taken
     assert lab.say("5,5").taken
     assert (read_human(lab.out)[-1].answer_mm, read_human(lab.out)[-1].estimate_m) == (5.5, 0.004)
+
+
+def whole_trial(lab: Lab) -> None:
+    lab.trial()
+    if lab.prompt.text.startswith(QUESTION):
+        assert lab.say("4").taken
+
+
+def interrupted(out: Path, trials: int) -> bytes:
+    """Make so many trials and most of another; return what was kept after the last whole one."""
+    lab = Lab(out)
+    kept = Kept(lab.bench, "/node/result")
+    lab.calibrate()
+    for _ in range(trials):
+        whole_trial(lab)
+        kept.turn()
+    lab.trial()
+    lab.bench.node.record.close()  # as the end of its process does
+    return kept.node
+
+
+def resumed(out: Path, kept: bytes) -> Lab:
+    lab = Lab(out, active=False)
+    lab.bench = go_on(HumanSession, lab.bench.executor.spec.params, kept)
+    return lab
+
+
+def shown(rows: list[HumanRow]) -> list[tuple[int, int, str, str, str]]:
+    return [(one.row, one.trial, one.phase, one.phantom, one.emg) for one in rows]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a session that was not interrupted."""
+    lab = Lab(tmp_path_factory.mktemp("whole"))
+    lab.calibrate()
+    for _ in range(6):
+        whole_trial(lab)
+    return lab.out
+
+
+@pytest.mark.parametrize("trials", [1, 3, 4])
+def test_no_trial_is_lost_or_there_twice(trials: int, whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    kept = interrupted(out, trials)
+    before = {path: path.read_bytes() for path in (out / "emg").rglob("*.npz")}
+    lab = resumed(out, kept)
+    assert lab.bench.sent(HumanSession.cue)[0].phase == "pause"
+    assert "Give phantom" in lab.prompt.text
+    for _ in range(6 - trials):
+        whole_trial(lab)
+    assert "over" in lab.prompt.text
+    assert shown(read_human(out)) == shown(read_human(whole))
+    kept_aside = [path.relative_to(out / "interrupted/1") for path in (out / "interrupted").rglob("*.npz")]
+    assert [path.parts[:2] for path in kept_aside] == [("emg", "S01")]
+    assert (out / "interrupted/1" / kept_aside[0]).read_bytes() == before[out / kept_aside[0]]
+    same = {path for path, data in before.items() if path.read_bytes() == data}
+    assert before.keys() - same == {out / kept_aside[0]}
+    assert {"rest.npz", "mvc.npz"} <= {path.name for path in same}
+
+
+def test_what_lacks_trials_or_goes_on_already_is_not_gone_on_with(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    kept = interrupted(out, 2)
+    lines = (out / HUMAN_TABLE).read_text().splitlines(keepends=True)
+    (out / HUMAN_TABLE).write_text("".join(lines[:2]))
+    with pytest.raises(NodeError, match="it has 1 trial, and the session had come to 2"):
+        resumed(out, kept)
+    (out / HUMAN_TABLE).write_text("".join(lines))
+    lab = resumed(out, kept)
+    with pytest.raises(NodeError, match="another session is writing"):
+        resumed(out, kept)
+    with pytest.raises(PalpError, match="unsealed when it is over"):
+        unseal(out, "too early")
+    lab.bench.node.record.close()
+    with pytest.raises(PalpError, match="never overwritten"):
+        refuse_human(out)
