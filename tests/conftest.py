@@ -23,8 +23,13 @@ __all__ = ["palp", "rig_session", "shared_folder", "shared_palp"]
 SLOW_S = 3600.0
 """What a study of minutes may take before it counts as hanging; for the others see ``pyproject.toml``."""
 
-COMMON = hypothesis.settings(  # a busy machine is no failure
-    deadline=None, print_blob=True, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+COMMON = hypothesis.settings(
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[
+        hypothesis.HealthCheck.too_slow,  # a busy machine is no failure
+        hypothesis.HealthCheck.function_scoped_fixture,  # what an example does to one, the next one may meet
+    ],
 )
 hypothesis.settings.register_profile("ci", COMMON, derandomize=True)
 hypothesis.settings.register_profile("explore", COMMON, max_examples=1000)

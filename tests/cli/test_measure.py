@@ -19,7 +19,7 @@ def received(
     )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(
     period_ns=st.integers(1_000, 10**9),
     missing=st.sets(st.integers(2, 28), max_size=20),

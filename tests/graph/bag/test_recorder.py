@@ -2,7 +2,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core.graph.bag.account import Gap, TopicAccount
@@ -188,7 +188,6 @@ def test_a_snapshot_holds_the_last_seconds_and_the_latched_values(tmp_path: Path
     assert found == [("/policy/mode", 2), *(("/torque/block", s) for s in range(80, 101))]
 
 
-@settings(deadline=None, max_examples=100)
 @given(
     order=st.permutations(range(1, 12)), kept=st.sets(st.integers(1, 11)), again=st.sets(st.integers(1, 11))
 )

@@ -18,7 +18,7 @@ from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
 
-LAWS = settings(deadline=None, max_examples=25)
+LAWS = settings(max_examples=25)
 U64 = st.integers(0, 2**63 - 1)
 
 

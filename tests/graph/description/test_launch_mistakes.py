@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.graph.node.spec import RESERVED_NAMES
@@ -86,7 +86,7 @@ KEYS += [
 ]
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40)
 @given(key=st.sampled_from(KEYS), data=st.data())
 def test_a_typo_in_any_key_is_reported_at_its_line(workspace: Any, key: str, data: st.DataObject) -> None:
     position = data.draw(st.integers(0, len(key) - 1))

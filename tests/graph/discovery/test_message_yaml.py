@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core import Message
@@ -124,7 +124,6 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.sampled_from([*SCHEMA["properties"], "else"]), VALUES)
 def test_whatever_a_field_is_given_is_packed_as_it_is_shown_or_refused_by_its_name(
     name: str, value: Any

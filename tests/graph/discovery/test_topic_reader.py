@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -87,7 +87,7 @@ def test_what_is_handed_over_and_what_is_counted_as_lost(
     assert bool(history.asked) == bool(options)
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60)
 @given(
     arriving=st.lists(st.integers(1, 40), max_size=30),
     depth=st.integers(0, 40),

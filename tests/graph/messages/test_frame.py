@@ -1,7 +1,7 @@
 """Frames: what comes out is what went in, and garbage is refused in one way only."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core.errors import SchemaMismatch
@@ -30,7 +30,6 @@ frames = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=100)
 @given(
     topics,
     st.sampled_from(Kind),
@@ -67,7 +66,6 @@ def fits(raw: bytes) -> bool:
     return version == 2 and kind in list(Kind) and first <= sequence <= LAST_SEQUENCE and is_text
 
 
-@settings(deadline=None, max_examples=150)
 @given(st.binary(max_size=80) | frames, st.data())
 def test_damaged_bytes_are_refused_at_the_header_or_all_of_them_are_parsed(
     sent: bytes, data: st.DataObject

@@ -10,7 +10,7 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from palp_core import Message, Node, Pub, Srv, Sub, on, serve
@@ -154,14 +154,12 @@ def answers(target: Target, raw: bytes) -> None:
     assert isinstance(msgpack.unpackb(reply, strict_map_key=False), dict)
 
 
-@settings(deadline=None, max_examples=300, suppress_health_check=list(HealthCheck))
 @given(raw=frames())
 @example(raw=pack(b"/p/word", Kind.DATA, 0, 1, 0, HASH))
 def test_a_malformed_frame_harms_nothing(target: Target, raw: bytes) -> None:
     survives(target, raw)
 
 
-@settings(deadline=None, max_examples=100, suppress_health_check=list(HealthCheck))
 @given(raw=payloads | maps)
 def test_a_malformed_request_gets_an_error_and_harms_nothing(target: Target, raw: bytes) -> None:
     answers(target, raw)
@@ -183,7 +181,7 @@ OPERATIONS = ["info", "history", "schemas", "set_parameters", "call", "transitio
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
-@settings(deadline=None, max_examples=15, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15)
 @given(more=st.dictionaries(st.sampled_from(ARGUMENTS), trees))
 def test_no_operation_trusts_its_arguments(target: Target, operation: str, more: dict[str, Any]) -> None:
     answers(target, packed({"op": operation, **more}))

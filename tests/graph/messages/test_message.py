@@ -88,7 +88,6 @@ everything = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=100)
 @given(everything)
 def test_a_decoded_message_equals_the_one_that_was_encoded(message: Everything) -> None:
     decoded = decode(Everything, encode(message))
@@ -98,7 +97,7 @@ def test_a_decoded_message_equals_the_one_that_was_encoded(message: Everything) 
     assert encode(decoded) == encode(message)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(everything)
 def test_any_msgpack_library_reads_a_message(message: Everything) -> None:
     plain = msgpack.unpackb(encode(message))
@@ -109,7 +108,6 @@ def test_any_msgpack_library_reads_a_message(message: Everything) -> None:
     np.testing.assert_array_equal(np.frombuffer(plain["depth_m"], "<f8"), message.depth_m)
 
 
-@settings(deadline=None, max_examples=200)
 @given(everything, st.data())
 def test_damaged_bytes_raise_schema_mismatch_and_nothing_else(message: Everything, data: Any) -> None:
     whole = encode(message)
@@ -150,7 +148,7 @@ class Block(Message):
     s: str = ""
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 9), st.integers(0, 300))
 def test_a_decoded_array_is_aligned_read_only_and_one_dimensional(padding: int, size: int) -> None:
     data = encode(Block(a=np.arange(size, dtype=float) / 300, s="x" * padding))
@@ -354,7 +352,6 @@ any_float = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=200)
 @given(
     st.lists(any_float, max_size=40),
     st.sampled_from(

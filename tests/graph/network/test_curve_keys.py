@@ -103,7 +103,7 @@ def test_a_secret_is_not_taken_for_a_public_key(keys: KeyFolder, tmp_path: Path)
         keys.allow("k" * 39)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.text(max_size=70))
 def test_no_name_leads_out_of_the_folder(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     keys = KeyFolder(tmp_path_factory.mktemp("k") / "keys")
@@ -131,7 +131,7 @@ def test_a_file_without_a_key_lets_nobody_in_and_is_named(
         keys.allow(str(tmp_path / "letter.txt"))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.text(max_size=50))
 def test_only_forty_characters_of_z85_have_the_form_of_a_key(text: str) -> None:
     assert not is_key(text) or (len(text) == 40 and text.isascii() and "'" not in text and "\\" not in text)

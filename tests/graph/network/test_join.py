@@ -216,14 +216,14 @@ def end_of_join(graph: Launched, away: Host, end: str) -> psutil.Process:
     return away.running("--join")[0] if end == "run" else node_process(away, "fork_server")
 
 
-@pytest.mark.parametrize("end", ["node", "run", "gateway"])
+@pytest.mark.parametrize("part", ["node", "run", "gateway"])
 def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
-    home: Host, graph: Launched, away: Host, end: str
+    home: Host, graph: Launched, away: Host, part: str
 ) -> None:
     book = away.book()
     guest = away.start(*keeper(home, graph, "nodding", book))
     first = int(book.until("tick")[1])
-    stopped = end_of_join(graph, away, end)
+    stopped = end_of_join(graph, away, part)
     stopped.suspend()
     lasting(home, 1)
     stopped.resume()

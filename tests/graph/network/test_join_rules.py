@@ -66,7 +66,6 @@ def test_other_messages_are_another_version_of_joining() -> None:
     assert f'{{"op": "hello", "protocol": {PROTOCOL}}}' in wire.read_text(encoding="utf-8")
 
 
-@settings(deadline=None)
 @given(st.integers(-(10**15), 10**15), st.lists(st.tuples(NS, NS, NS), min_size=1, max_size=40))
 def test_the_clocks_offset_is_within_its_uncertainty_whatever_the_ways_take(
     offset_ns: int, ways: list[tuple[int, int, int]]
@@ -183,7 +182,6 @@ def test_a_launch_file_expects_somebody_on_the_wall_clock_only(toys: tuple[Path,
         check_here(sim)
 
 
-@settings(max_examples=200, deadline=None)
 @example(b"\x81\xa1x" * 100_000)
 @given(st.binary(max_size=200))
 def test_no_bytes_do_harm_to_who_reads_a_word(raw: bytes) -> None:
@@ -256,7 +254,7 @@ def test_beyond_loopback_there_must_be_keys(tmp_path: Path, address: str) -> Non
     assert "without keys" in local.warnings[0]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(1, 2000), st.integers(1, 100), st.booleans())
 def test_strangers_take_bounded_memory_and_lines_and_one_that_insists_is_told_at_powers_of_two(
     count: int, seconds: int, insists: bool

@@ -184,7 +184,6 @@ def _straight(script: list[Step]) -> Run:
     return run
 
 
-@settings(deadline=None, max_examples=150)
 @given(steps, st.sets(st.integers(0, 30), max_size=4))
 def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Step], swaps: set[int]) -> None:
     run = Run()
@@ -209,7 +208,7 @@ def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Ste
             assert list(out.history) == [f for f in run.frames if parse(f).topic == name][-out.qos.depth :]
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(steps, st.integers(1, 5))
 def test_what_waits_in_the_inbox_moves_with_the_node(script: list[Step], last: int) -> None:
     script = [(topic, n, 0) for topic, n, _ in script if topic in TYPES]
@@ -248,7 +247,6 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
     return [frame for frame in frames if parse(frame).topic not in ("/busy/_order", "/busy/_events")]
 
 
-@settings(deadline=None, max_examples=100)
 @given(steps)
 def test_the_written_order_is_enough_to_drive_the_node_again_to_the_same_bytes(script: list[Step]) -> None:
     run = _straight(script)

@@ -15,7 +15,6 @@ def latency_of(durations: list[int]) -> Latency:
     return latency
 
 
-@settings(deadline=None, max_examples=200)
 @given(st.lists(st.integers(0, 10**15), min_size=1, max_size=200), st.sampled_from([1.0, 50.0, 90.0, 100.0]))
 def test_a_percentile_is_at_most_six_per_cent_above_the_true_one(
     durations: list[int], percent: float
@@ -28,7 +27,6 @@ def test_a_percentile_is_at_most_six_per_cent_above_the_true_one(
     assert latency.summary_s()["max"] == max(durations) / 1e9
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.lists(st.integers(-5, 10**12), max_size=3 * BATCH), st.integers(1, 2 * RECENT))
 def test_the_last_ones_are_known_one_by_one(durations: list[int], window: int) -> None:
     last = sorted(max(duration_ns, 0) for duration_ns in durations[-window:])
@@ -49,7 +47,7 @@ def test_what_no_clock_can_show_counts_as_nothing_or_the_longest_and_few_are_kep
     assert (found["messages"], found["min"]) == (RECENT, 4 * RECENT / 1e9)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.integers(-5, 2**63), min_size=1, max_size=200))
 def test_looking_after_each_one_or_once_at_the_end_is_the_same(durations: list[int]) -> None:
     often, once = Latency(), latency_of(durations)

@@ -116,7 +116,7 @@ class LifecycleMachine(RuleBasedStateMachine):
 
 
 TestLifecycle = LifecycleMachine.TestCase
-TestLifecycle.settings = settings(deadline=None, max_examples=40, stateful_step_count=25)
+TestLifecycle.settings = settings(max_examples=40, stateful_step_count=25)
 
 
 def test_a_node_that_publishes_before_its_activation_is_told_so() -> None:

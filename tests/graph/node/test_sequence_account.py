@@ -1,7 +1,7 @@
 """The account of an edge: nothing twice, nothing missing without being counted."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core.graph.node.sequence_account import SequenceAccount
@@ -9,7 +9,6 @@ from palp_core.graph.node.sequence_account import SequenceAccount
 LENGTH = 30
 
 
-@settings(deadline=None, max_examples=200)
 @given(st.lists(st.booleans(), min_size=LENGTH, max_size=LENGTH), st.data())
 def test_received_and_lost_add_up_to_the_last_sequence(arrives: list[bool], data: st.DataObject) -> None:
     counter = SequenceAccount()
@@ -26,7 +25,6 @@ def test_received_and_lost_add_up_to_the_last_sequence(arrives: list[bool], data
     assert counter.received + counter.lost == LENGTH
 
 
-@settings(deadline=None, max_examples=200)
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(1, 8)), max_size=40))
 def test_whatever_arrives_is_handed_out_once_and_in_order(arrivals: list[tuple[int, int]]) -> None:
     counter = SequenceAccount()

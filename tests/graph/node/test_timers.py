@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core.graph.node.timers import AlarmEnd, TimerEnd
@@ -47,7 +47,6 @@ def test_a_million_ticks_at_an_awkward_rate_do_not_drift(rate_hz: float) -> None
             assert abs(due_ns - k * exact_period_ns) <= 1
 
 
-@settings(deadline=None, max_examples=200)
 @given(st.floats(1e-3, 1e6), st.integers(0, 10**14))
 def test_a_started_timer_is_due_at_the_first_grid_instant_after_now(rate_hz: float, now_ns: int) -> None:
     timer = Owner(rate_hz).timer()

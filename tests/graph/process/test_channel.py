@@ -51,7 +51,7 @@ def pair() -> Iterator[Pair]:
     node.close()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(from_node, max_size=8), st.lists(to_node, max_size=8))
 def test_both_ways_messages_arrive_equal_and_in_order(up: list[FromNode], down: list[ToNode]) -> None:
     ours, theirs = socket.socketpair()
@@ -68,7 +68,7 @@ def test_both_ways_messages_arrive_equal_and_in_order(up: list[FromNode], down: 
     node.close()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.integers(1, 12), min_size=1, max_size=30))
 def test_a_message_cut_into_pieces_is_put_together(cuts: list[int]) -> None:
     ours, theirs = socket.socketpair()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import BagError
@@ -134,7 +134,7 @@ def test_a_late_player_says_so_and_catches_up_in_order(bag: Bag) -> None:
     assert played.until()[0] == (31, late_ns + PERIOD_NS)
 
 
-@settings(deadline=None, max_examples=30, suppress_health_check=list(HealthCheck))
+@settings(max_examples=30)
 @given(
     deeds=st.lists(st.tuples(st.sampled_from(["play", "toggle", "rate"]), st.integers(0, 40)), max_size=30)
 )

@@ -22,7 +22,7 @@ def bag_of(folder: Path, messages: list[tuple[int, int, int]]) -> Path:
     return folder
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.permutations(range(1, 9)), st.permutations(range(1, 5)))
 def test_late_messages_stand_where_they_belong(
     tmp_path_factory: object, first: list[int], second: list[int]

@@ -37,7 +37,7 @@ def test_a_line_is_in_its_own_log_as_it_is_and_in_the_merged_one_with_time_and_n
     assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d ", line) for line in merged)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.binary(min_size=1, max_size=200), max_size=20))
 def test_whatever_is_printed_in_whatever_pieces_nothing_is_changed(
     tmp_path_factory: pytest.TempPathFactory, pieces: list[bytes]

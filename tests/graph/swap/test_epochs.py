@@ -205,4 +205,4 @@ class EpochsInMemory(RuleBasedStateMachine):
 
 
 TestEpochsInMemory = EpochsInMemory.TestCase
-TestEpochsInMemory.settings = settings(deadline=None, max_examples=40, stateful_step_count=30)
+TestEpochsInMemory.settings = settings(max_examples=40, stateful_step_count=30)

@@ -3,7 +3,7 @@
 from typing import Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core.graph.messages.frame import Frame, Kind, pack_former
@@ -66,7 +66,6 @@ class Edge:
 RELIABLE = Qos(depth=5)
 
 
-@settings(deadline=None, max_examples=200)
 @given(st.lists(st.sampled_from(["pass", "drop", "twice", "late", "beat"]), max_size=60), st.integers(1, 8))
 def test_a_reliable_edge_loses_nothing_that_the_publisher_still_has(fates: list[str], depth: int) -> None:
     edge = Edge(Qos(depth=depth))
@@ -90,7 +89,6 @@ def test_a_reliable_edge_loses_nothing_that_the_publisher_still_has(fates: list[
     assert edge.buffer.give_up_ns is None
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.lists(st.sampled_from(["pass", "drop", "beat"]), max_size=40))
 def test_a_best_effort_edge_asks_for_nothing_and_counts_exactly(fates: list[str]) -> None:
     edge = Edge(Qos(reliability="best_effort"))
