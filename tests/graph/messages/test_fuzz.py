@@ -1,6 +1,5 @@
-"""Malformed frames and requests: counted, logged at a bounded rate, and nothing else happens."""
+"""Malformed frames: counted, and nothing else happens."""
 
-import logging
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,10 +9,10 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from palp_core import Message, Node, Pub, Srv, Sub, on, serve
+from palp_core import Message, Node, Sub, on
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import HEADER_BYTES, VERSION, Kind, pack
 from palp_core.graph.messages.message import encode
@@ -21,9 +20,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.node_services import NodeServices
 from palp_core.graph.transport.receiver import TopicReceiver
-from palp_core.graph.transport.request_server import RequestServer
 from palp_core.units import Float64Array, Metres
 
 
@@ -40,8 +37,6 @@ class Word(Message):
 
 class Reader(Node):
     word = Sub(Word)
-    passed = Pub(Inner)
-    ask = Srv(Inner, Inner)
 
     @on(word)
     def take(self, word: Word) -> None:
@@ -49,10 +44,6 @@ class Reader(Node):
         assert type(word.text) is str
         assert word.values.ndim == 1
         assert 0.0 <= word.inner.depth_m < 1e9
-
-    @serve(ask)
-    def answer(self, inner: Inner) -> Inner:
-        return inner
 
 
 class Target:
@@ -68,8 +59,6 @@ class Target:
         self.executor.transition(Transition.CONFIGURE)
         self.executor.transition(Transition.ACTIVATE)
         self.receiver.set_start(0)
-        self.desk = RequestServer(self.context, "inproc://desk")
-        self.desk.add("r", NodeServices(self.executor).operations(), ())
 
     def feed(self, raw: bytes) -> None:
         self.receiver._arrive(raw, 1)
@@ -102,7 +91,6 @@ def packed(tree: Any) -> bytes:
     return bytes(msgpack.packb(tree, unicode_errors="surrogatepass"))
 
 
-maps = st.dictionaries(st.sampled_from(["op", "node", "id", "request", "first"]), trees).map(packed)
 nested = st.integers(1, 3000).map(lambda depth: b"\x91" * depth + b"\xc0")
 payloads = st.one_of(
     st.binary(max_size=200),
@@ -140,58 +128,12 @@ def frames(draw: st.DrawFn) -> bytes:
     return cut
 
 
-def survives(target: Target, raw: bytes) -> None:
-    before = target.executor.events.rejected_count + target.executor.ends.accounts["/p/word"].received
-    target.feed(raw)
-    assert target.executor.lifecycle is Lifecycle.ACTIVE
-    after = target.executor.events.rejected_count + target.executor.ends.accounts["/p/word"].received
-    assert after >= before  # one that fills a gap sets free what was held behind it
-
-
-def answers(target: Target, raw: bytes) -> None:
-    reply = target.desk.reply_to([b"stranger"], raw)
-    assert reply is not None
-    assert isinstance(msgpack.unpackb(reply, strict_map_key=False), dict)
-
-
 @given(raw=frames())
 @example(raw=pack(b"/p/word", Kind.DATA, 0, 1, 0, HASH))
 def test_a_malformed_frame_harms_nothing(target: Target, raw: bytes) -> None:
-    survives(target, raw)
-
-
-@given(raw=payloads | maps)
-def test_a_malformed_request_gets_an_error_and_harms_nothing(target: Target, raw: bytes) -> None:
-    answers(target, raw)
-
-
-ARGUMENTS = [
-    "topic",
-    "first",
-    "last",
-    "parameters",
-    "service",
-    "request",
-    "transition",
-    "port",
-    "message",
-    "id",
-]
-OPERATIONS = ["info", "history", "schemas", "set_parameters", "call", "transition", "publish"]
-
-
-@pytest.mark.parametrize("operation", OPERATIONS)
-@settings(max_examples=15)
-@given(more=st.dictionaries(st.sampled_from(ARGUMENTS), trees))
-def test_no_operation_trusts_its_arguments(target: Target, operation: str, more: dict[str, Any]) -> None:
-    answers(target, packed({"op": operation, **more}))
-
-
-def test_a_flood_of_rubbish_is_counted_and_logged_a_few_times(
-    target: Target, caplog: pytest.LogCaptureFixture
-) -> None:
-    with caplog.at_level(logging.WARNING):
-        for number in range(10_000):
-            target.feed(b"rubbish %d" % number)
-    assert target.executor.events.rejected_count == 10_000
-    assert len(caplog.records) == 14  # the 1st, 2nd, 4th ... 8192nd
+    account = target.executor.ends.accounts["/p/word"]
+    before = target.executor.events.rejected_count + account.received
+    target.feed(raw)
+    assert target.executor.lifecycle is Lifecycle.ACTIVE
+    after = target.executor.events.rejected_count + account.received
+    assert after >= before  # one that fills a gap sets free what was held behind it

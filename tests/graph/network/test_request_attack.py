@@ -74,6 +74,7 @@ WORDS: dict[str, dict[str, Any]] = {
 
 
 HELLO = msgpack.packb({"op": "hello", **WORDS["hello"]})
+TOLD = dict.fromkeys(("node", "port", "type", "type_hash", "ros_text"), "0") | {"json_schema": {}, "qos": {}}
 
 
 class Number(Message):
@@ -302,9 +303,11 @@ def test_the_door_answers_or_refuses_whatever_another_host_says(door: Door, coun
 
 def test_what_another_host_asks_is_read_as_a_request_at_the_door(door: Door) -> None:
     large = msgpack.packb({"op": "info", "more": bytes(1 << 20)})
-    for body in (b"\x81\xa2op\xa1\xff", b"\x91" * 5000, b"\x80", b"", large, msgpack.packb({"op": "stop"})):
+    for body in (b"\x81\xa2op\xa1\xff", b"\x91" * 5000, b"\x80", b"", large):
         assert "error" in door.ask(body)
-    assert door.ask(msgpack.packb({"op": "clock"}))["error"].endswith("another may only look")
+    for op in ("clock", "stop", "swap"):
+        assert door.ask(msgpack.packb({"op": op}))["error"].endswith("another may only look")
+    assert "error" not in door.ask(msgpack.packb({"op": "info"}))
 
 
 def test_requests_that_wait_for_a_host_are_refused_when_it_leaves(door: Door, tmp_path: Path) -> None:
@@ -345,6 +348,11 @@ def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None
         (msgpack.packb({"op": "nonsense"}), "nonsense"),
         (msgpack.packb({"op": "subscribe", "topic": "/x/y"}), "/x/y"),
         (b"\x81\xa2op", "not a message of this protocol"),
+        (msgpack.packb({"op": "hello", "protocol": 99}), f"{join_protocol.PROTOCOL} of joining, not 99"),
+        (
+            msgpack.packb({"op": "join", "request": {**GUEST, "outputs": {"/n/told": TOLD}}}),
+            "under its own name only",
+        ),
     ],
 )
 def test_a_host_that_sends_a_malformed_join_is_answered_in_words(

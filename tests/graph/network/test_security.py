@@ -152,14 +152,8 @@ def test_the_secret_is_seen_nowhere(home: Host, graph: Launched, away: Host) -> 
 
 def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     raw.say("hello", protocol=PROTOCOL)
-    view = raw.until("graph")["view"]
-    assert "/ticker/tick" in view["topics"]
-    request = {"name": "raw", "run": "x:Y", "host": "away", "pid": 1}
-    raw.say("join", request={**request, "outputs": {"/ticker/tick": view["topics"]["/ticker/tick"]}})
-    assert "under its own name only" in raw.until("refused")["text"]
-    raw.say("join", request={**request, "host": "h" * 1_000_000})
-    assert "request.host must be" in raw.until("refused")["text"]
-    raw.say("join", request=request)
+    assert "/ticker/tick" in raw.until("graph")["view"]["topics"]
+    raw.say("join", request={"name": "raw", "run": "x:Y", "host": "away", "pid": 1})
     assert raw.until("joined")["epoch"] == 1
     for topic, kind in ((b"/ticker/tick", Kind.DATA), (b"/raw/x", Kind.MOVED), (b"/graph/events", Kind.DATA)):
         raw.socket.send(pack(topic, kind, 9, 9, 9, 9, b"ipc:///tmp/elsewhere"))
@@ -173,29 +167,6 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     assert graph.ask("ticker", op="info")["lifecycle"] == "active"
     raw.say("leave", text="x" * 1_000_000, exit_code=-1)
     assert len(graph.until_printed("/raw has left")) < 2 * LONGEST_TEXT
-
-
-def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(graph: Launched, raw: Raw) -> None:
-    raw.say("hello", protocol=PROTOCOL)
-    raw.until("graph")
-    for op in ("stop", "swap", "graph"):
-        raw.say(
-            "request", envelope=[op.encode()], node="graph", body=msgpack.packb({"op": op, "node": "graph"})
-        )
-    replies = {}
-    for _ in range(3):
-        reply = raw.until("reply")
-        replies[reply["envelope"][0]] = msgpack.unpackb(reply["body"])
-    assert "another may only look" in replies[b"stop"]["error"]
-    assert "another may only look" in replies[b"swap"]["error"]
-    assert replies[b"graph"]["graph"] == "home"
-    assert graph.launcher.poll() is None
-
-
-@pytest.mark.parametrize("version", [1, 99])
-def test_another_version_is_told_apart(raw: Raw, version: int) -> None:
-    raw.say("hello", protocol=version)
-    assert f"version {PROTOCOL} of joining, not {version}" in raw.until("refused")["text"]
 
 
 def test_a_key_is_allowed_listed_and_denied_by_command(lone_host: Host, tmp_path: Path) -> None:

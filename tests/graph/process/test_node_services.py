@@ -5,9 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
-import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.transport.requester_socket import ask
@@ -92,19 +90,6 @@ def test_a_service_answers_a_stranger_and_a_repeated_request_is_done_once(office
     assert office.ask("call", **call) == first
     assert "has no service 'axe'" in office.ask("call", service="axe", request={})["error"]
     assert "number" in office.ask("call", service="ask", request={"number": "x"})["error"]
-
-
-def test_ids_that_are_none_among_repeated_ones_end_no_node(office: Office) -> None:
-    tokens: list[Any] = [[], "again", "again"]
-    with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
-        stranger.connect(office.endpoint)
-        for token in tokens:
-            request = {"op": "set_parameters", "node": "clerk", "parameters": {"offset": 0}, "id": token}
-            stranger.send(msgspec.msgpack.encode(request))
-        replies = [msgspec.msgpack.decode(stranger.recv()) for _ in tokens]
-    assert ["error" in reply for reply in replies].count(True) == 1
-    assert office.ask("info")["lifecycle"] == "active"
-    assert office.process.poll() is None
 
 
 def test_a_node_is_led_through_its_states_by_command(office: Office) -> None:
