@@ -89,7 +89,7 @@ def test_a_live_view_is_drawn_again_and_again_until_ctrl_c(talk: Talk) -> None:
     os.close(master)
 
 
-@pytest.mark.parametrize("compose", [(), ("--compose",)])
+@pytest.mark.parametrize("compose", [pytest.param((), marks=pytest.mark.nightly), ("--compose",)])
 def test_a_graph_in_simulated_time_is_asked_the_same_way(
     palp: Palp, tmp_path: Path, compose: tuple[str, ...]
 ) -> None:

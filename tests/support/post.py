@@ -1,4 +1,4 @@
-"""A workspace whose reader is killed, stopped, robbed and stalled, and which takes commands."""
+"""A workspace whose reader is killed and robbed, and which takes commands."""
 
 import json
 import subprocess
@@ -9,7 +9,7 @@ from tests.support.palp import Palp
 from tests.support.supervised import write_files
 
 POST = '''
-import json, os, random, select, signal, subprocess
+import json, os, random, select, signal
 from typing import Annotated, Literal
 import msgspec
 from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, QosEvent, ReadOnly, Srv, State, Sub
@@ -118,10 +118,6 @@ class Reader(Node):
 
     def kill(self):
         os.kill(os.getpid(), signal.SIGKILL)
-
-    def stop(self):
-        subprocess.Popen(["sh", "-c", f"sleep 0.4; kill -CONT {os.getpid()}"], start_new_session=True)
-        os.kill(os.getpid(), signal.SIGSTOP)
 
     @on_event(letter)
     def mind(self, event):

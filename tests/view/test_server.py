@@ -87,7 +87,10 @@ def test_what_cannot_be_shown_is_refused(palp: Palp, server: PageServer, bag: Pa
         assert (done.returncode, why in done.stderr) == (2, True), done.stderr
 
 
-@pytest.mark.parametrize(("ended_by", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.parametrize(
+    ("ended_by", "status"),
+    [pytest.param(signal.SIGINT, 130, marks=pytest.mark.nightly), (signal.SIGKILL, -signal.SIGKILL)],
+)
 def test_a_launch_with_view_shows_the_graph_and_its_viewer_ends_with_it(
     ended_by: signal.Signals, status: int, palp: Palp
 ) -> None:

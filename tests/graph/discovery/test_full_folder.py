@@ -5,9 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
-import resource
 import signal
-import subprocess
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -50,22 +48,7 @@ def test_a_run_in_a_full_folder_is_refused_with_the_folder_and_what_to_do(
     assert not list(own_runtime.iterdir())
 
 
-def test_a_launch_under_a_limit_says_which_folder_is_full(palp: Palp) -> None:
-    done = subprocess.run(
-        palp.command("launch", CHAIN, "clock:=sim"),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
-        capture_output=True,
-        text=True,
-        check=False,
-        env=palp.environment,
-    )
-    assert done.returncode == 2
-    folder = palp.runtime_dir / "palp"
-    assert done.stderr.startswith(f"{folder}: File too large: a run keeps its sockets, record and logs there")
-    assert "\n" not in done.stderr.strip()
-    assert palp.all_gone()
-
-
+@pytest.mark.nightly
 def test_a_run_whose_folder_is_full_goes_on_through_a_restart_and_says_so(
     palp: Palp, own_runtime: Path
 ) -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.discovery.logs import LogLine
-from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.log_format import ENDS_NODE
 from tests.support.palp import Palp
+from tests.support.rig_session import ComposedGraph
 
 TOYS = """
 import warnings
@@ -70,7 +70,7 @@ def test_warnings_and_errors_of_nodes_are_shown(palp: Palp, talkers: Path, more:
 @pytest.mark.parametrize(("log_level", "first"), [("error", 3), ("debug", 0)])
 def test_the_level_says_what_is_shown(talkers: Path, log_level: str, first: int) -> None:
     lines: list[str] = []
-    with Graph(
+    with ComposedGraph(
         talkers, log_level=log_level, show_log=lambda line: lines.append(line.text), clock="sim"
     ) as graph:
         graph.run()

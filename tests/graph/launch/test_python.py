@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,8 @@ import pytest
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import parse
-from tests.support.palp import CHAIN
+from tests.support.palp import CHAIN, own_workspace
+from tests.support.rig_session import ComposedGraph
 
 TOYS = """
 from palp_core import Node, Params, every
@@ -55,7 +55,7 @@ def test_a_graph_runs_from_python_and_says_how_it_went() -> None:
 
 
 def test_a_graph_stops_at_a_time_on_its_clock() -> None:
-    with Graph(CHAIN, clock="sim", count=1000) as graph:
+    with own_workspace(), ComposedGraph(CHAIN, clock="sim", count=1000) as graph:
         summary = graph.run(until_s=0.5)
     assert summary.clock_s == 0.5
 
@@ -63,7 +63,8 @@ def test_a_graph_stops_at_a_time_on_its_clock() -> None:
 def test_a_failing_node_is_an_exception_that_names_it() -> None:
     with (
         pytest.raises(NodeError, match="block 3 is the one to fail at") as failure,
-        Graph(CHAIN, clock="sim", fail_at=3) as graph,
+        own_workspace(),
+        ComposedGraph(CHAIN, clock="sim", fail_at=3) as graph,
     ):
         graph.run()
     assert failure.value.node == "relay"
@@ -79,13 +80,12 @@ def test_mistakes_are_raised_before_anything_starts() -> None:
     [("ValueError: no ink", "ValueError('no ink')"), ("SystemExit: 0", "SystemExit(0)")],
 )
 def test_a_report_that_fails_is_said_and_the_run_counts_as_failed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, raised: str
+    tmp_path: Path, said: str, raised: str
 ) -> None:
-    monkeypatch.setattr(sys, "path", sys.path.copy())
     module = f"report_toys_{said[0].lower()}"
     (tmp_path / f"{module}.py").write_text(TOYS.format(raised))
     (tmp_path / "one.yaml").write_text(ONE.format(module))
-    with Graph(tmp_path / "one.yaml", compose=True) as graph:
+    with ComposedGraph(tmp_path / "one.yaml") as graph:
         summary = graph.run()
     assert graph.summary == summary
     assert (summary.exit_code, summary.ended) == (1, "")

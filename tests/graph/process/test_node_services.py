@@ -121,7 +121,7 @@ def test_a_service_that_fails_tells_its_caller_and_fails_its_node(post: Post, cl
     assert office.process.wait(PATIENCE_S) == 1
 
 
-@pytest.mark.parametrize("compose", [[], ["--compose"]], ids=["processes", "composed"])
+@pytest.mark.parametrize("compose", [pytest.param([], marks=pytest.mark.nightly), ["--compose"]])
 def test_commands_to_a_lockstep_graph_are_in_its_record_and_replay(post: Post, compose: list[str]) -> None:
     bag = post.folder / "bag"
     office = Office(post, "clock:=sim", *compose, "--record", str(bag))

@@ -122,13 +122,10 @@ def test_a_bag_that_a_full_disk_cuts_is_not_recovered_in_part(small_disk: list[s
     assert not (tmp_path / "saved").exists()
 
 
-@pytest.mark.parametrize("form", ["csv", "json"])
-def test_a_conversion_that_a_limit_cuts_is_reported_without_a_traceback(
-    palp: Palp, tmp_path: Path, form: str
-) -> None:
+def test_a_conversion_that_a_limit_cuts_is_reported_without_a_traceback(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = subprocess.run(
-        palp.command("bag", "convert", GOLDEN, "--to", form, "-o", out),
+        palp.command("bag", "convert", GOLDEN, "--to", "csv", "-o", out),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
         capture_output=True,
         text=True,

@@ -53,20 +53,6 @@ def workspace(tmp_path: Path) -> Path:
     return launch
 
 
-def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    done = palp.here("launch", CHAIN, "count:=100", "rate_hz:=500.0", "--record", bag)
-    assert done.returncode == 0, done.stderr
-    assert "nothing missing" in done.stdout
-    assert to_numpy(bag, "/source/sample", "index").tolist() == list(range(100))
-    assert to_numpy(bag, "/relay/amplified", "index").tolist() == list(range(100))
-    info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
-    assert info["complete"]
-    assert {"/source/_order", "/sink/_events", "/graph/events", "/graph/health"} <= set(info["topics"])
-    assert [m.value.kind for m in read(bag, ["/graph/events"])] == ["started", "ending"]
-    assert palp.all_gone()
-
-
 def whole_message_count(bag: Path) -> int:
     """Count the messages that another reader finds before the file is torn."""
     count = 0

@@ -38,6 +38,7 @@ def whole_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Pa
     bag = tmp_path_factory.mktemp("whole") / "bag"
     done = shared_palp.here("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
     assert done.returncode == 0, done.stderr
+    assert "nothing missing" in done.stdout
     return bag
 
 
@@ -53,6 +54,10 @@ def test_a_recording_from_the_start_replays_every_output(palp: Palp, whole_bag: 
     assert (relay["compared"], relay["uncovered"]) == (301, 0)  # samples, and its activation
     assert (source["compared"], source["uncovered"]) == (601, 0)
     assert sink["consumed"] >= 301
+    info = json.loads(palp.run("bag", "info", whole_bag, "--json").stdout)
+    assert info["complete"]
+    assert {"/sink/_events", "/graph/health"} <= set(info["topics"])
+    assert [m.value.kind for m in read(whole_bag, ["/graph/events"])] == ["started", "ending"]
 
 
 def test_recordings_replay_over_changed_parameters_states_and_classes_from_the_start_or_later(

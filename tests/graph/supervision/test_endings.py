@@ -39,16 +39,6 @@ def assert_readable(out: Path) -> None:
         assert rate_hz == 1000.0
 
 
-def test_a_killed_node_ends_the_run_and_is_named(palp: Palp) -> None:
-    process = palp.start("launch", CHAIN, "clock:=sim", "count:=1000000")
-    wait_for_line(process, "blocks: 1/")
-    psutil.Process(node_pid(palp, "relay")).kill()
-    _, errors = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 1
-    assert "relay: its process was killed by SIGKILL" in errors
-    assert palp.all_gone()
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", RIG_NODES)
 def test_the_record_of_a_rig_with_a_killed_node_is_kept_and_says_why(

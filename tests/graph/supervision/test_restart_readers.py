@@ -119,6 +119,8 @@ def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
         beats_heard(reader, epoch=1, beats=3)
         sink.resume()
         restarted = graph.wait_for("restarted", "source")
+    killed = "source its process was killed by SIGKILL; restart 1 of "
+    assert f"source: [WARNING] [supervisor]: {killed}" in graph.log("merged")
     assert counted(graph, graph.process("source").pid) == BURST
     assert json.loads(restarted.data)["missing"] == []
     process.terminate()

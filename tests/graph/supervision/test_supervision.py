@@ -63,21 +63,6 @@ def test_a_node_that_stays_stopped_is_restarted_by_its_rule(palp: Palp) -> None:
     assert process.wait(PATIENCE_S) == 143
 
 
-def test_a_killed_node_is_back_and_its_messages_arrive_at_the_end_of_the_chain(palp: Palp) -> None:
-    process = start_chain(palp)
-    graph = Running(palp)
-    before = graph.process("relay").pid
-    os.kill(before, signal.SIGKILL)
-    graph.wait_for_epoch("relay", "/relay/amplified", 1)
-    assert "killed by SIGKILL; restart 1 of 2 in 0.1 s" in graph.wait_for("restarting", "relay").text
-    graph.wait_for("restarted", "relay")
-    assert graph.process("relay").pid not in (0, before)
-    assert "relay: [WARNING] [supervisor]: relay its process was killed" in graph.log("merged")
-    process.terminate()
-    assert process.wait(PATIENCE_S) == 143
-    assert palp.all_gone()
-
-
 @pytest.mark.parametrize("how", [("clock:=wall",), ("clock:=sim", "--compose")])
 def test_the_launcher_answers(palp: Palp, how: tuple[str, ...]) -> None:
     process = start_chain(palp, *how)
