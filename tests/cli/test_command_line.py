@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from pathlib import Path
 
@@ -14,17 +13,14 @@ from palp_core.errors import GraphError
 from tests.support.palp import CHAIN, SIM, Palp
 
 COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
-    (
-        ("graph", "args", SIM),
-        0,
-        ("Arguments (pass arguments as '<name>:=<value>'):", "'policy':"),
-    ),
+    (("graph", "args", SIM), 0, ("Arguments (pass arguments as '<name>:=<value>'):", "'policy':")),
     (("graph", "draw", CHAIN), 0, ("flowchart LR",)),
     (("graph", "show", CHAIN, "source.rate_hz:=50.0"), 0, ("rate_hz: 50.0",)),
     (("graph", "show", CHAIN, "source.rate_hz"), 2, ("'source.rate_hz' on the command line is no",)),
     (("graph", "show", CHAIN, "sorce.rate_hz:=1.0"), 2, ("no node 'sorce' on the", "did you mean 'source'?")),
     (("launch", CHAIN, "cuont:=5"), 2, ("no argument 'cuont'", "did you mean 'count'?")),
     (("launch", CHAIN, "--operate"), 2, ("give both",)),
+    (("launch", CHAIN, "--compose"), 2, ("only a graph with 'clock: sim' can be composed",)),
     (("launch", CHAIN, "resume:=true"), 2, ("cannot resume",)),
     (("launch", "gone.yaml", "--check"), 2, ("gone.", "in {here}")),
     (("scene", "explain", "gone.yaml"), 2, ("gone.", "in {here}")),
@@ -80,20 +76,6 @@ def test_a_word_that_is_no_text_is_refused(
     assert capsys.readouterr().err == "'\\udcff' is not UTF-8 text; write it as such\n"
 
 
-def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Path) -> None:
-    printed = palp.here("graph", "show", CHAIN, "count:=7", "clock:=sim")
-    assert printed.returncode == 0
-    shutil.copytree(CHAIN.parents[1], tmp_path / "chain")
-    copy = tmp_path / "chain" / "launch" / "printed.yaml"
-    copy.write_text(printed.stdout)
-    again = palp.here("graph", "show", copy)
-    assert again.returncode == 0, again.stderr
-    assert (
-        again.stdout.splitlines()[1:] == printed.stdout.splitlines()[1:]
-    )  # the first has file and arguments
-    assert "count: 7\n" in again.stdout
-
-
 LOUD = """
 import logging
 from palp_core import Message, Node, Params, Progress, Pub, every
@@ -127,12 +109,6 @@ def test_a_nodes_text_commands_no_terminal(palp: Palp, tmp_path: Path) -> None:
     for what in ("printed", "logged", "raised"):
         assert f"\\x1b[2J{what}" in text
     assert not {"\x1b", "\x07", "\x9b"} & {*text}
-
-
-def test_a_wall_clock_graph_cannot_be_composed(palp: Palp) -> None:
-    done = palp.run("launch", CHAIN, "--compose")
-    assert done.returncode == 2
-    assert "only a graph with 'clock: sim' can be composed" in done.stderr
 
 
 def test_a_node_has_a_log_level_of_its_own() -> None:

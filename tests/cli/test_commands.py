@@ -1,7 +1,6 @@
-"""The verbs on a running graph: a table of commands, and what only more than one command shows."""
+"""The verbs on a running graph: what they print, for people and for machines, and what they refuse."""
 
 from __future__ import annotations
-
 import itertools
 import json
 import shlex
@@ -9,12 +8,15 @@ import signal
 import subprocess
 from pathlib import Path
 from typing import Any, cast
-
 import psutil
 import pytest
-
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.talkative import Talk, talk
+import re
+from typing import Any
+import os
+import pty
+import select
 
 __all__ = ["talk"]
 
@@ -275,18 +277,17 @@ def test_what_is_dumped_can_be_loaded(talk: Talk, tmp_path: Path) -> None:
     assert talk.printed("param", "set", "/source", "name", "block")
 
 
-def test_a_node_is_led_through_its_lifecycle(palp: Palp, tmp_path: Path) -> None:
-    graph = Talk(palp, tmp_path)
-    assert graph.answered("lifecycle", "nodes") == ["/source", "/scale"]
-    assert graph.answered("lifecycle", "get") == {"/source": "active", "/scale": "active"}
-    assert graph.printed("lifecycle", "set", "/source", "deactivate") == "/source: active -> inactive\n"
-    assert graph.printed("lifecycle", "get", "/source") == "inactive\n"
-    again = graph.refused("lifecycle", "set", "/source", "deactivate")
+def test_a_node_is_led_through_its_lifecycle(talk: Talk) -> None:
+    assert talk.answered("lifecycle", "nodes") == ["/source", "/scale"]
+    assert talk.answered("lifecycle", "get") == {"/source": "active", "/scale": "active"}
+    assert talk.printed("lifecycle", "set", "/source", "deactivate") == "/source: active -> inactive\n"
+    assert talk.printed("lifecycle", "get", "/source") == "inactive\n"
+    again = talk.refused("lifecycle", "set", "/source", "deactivate")
     assert "cannot deactivate a node that is inactive" in again
-    assert graph.refused("lifecycle", "set", "/source", "dance")
-    assert "/source: it is inactive: it handles nothing" in graph.run("doctor").stdout
-    assert graph.printed("lifecycle", "set", "/source", "activate") == "/source: inactive -> active\n"
-    assert graph.printed("topic", "echo", TOPIC, "--once")
+    assert talk.refused("lifecycle", "set", "/source", "dance")
+    assert "/source: it is inactive: it handles nothing" in talk.run("doctor").stdout
+    assert talk.printed("lifecycle", "set", "/source", "activate") == "/source: inactive -> active\n"
+    assert talk.printed("topic", "echo", TOPIC, "--once")
 
 
 def test_types_are_those_of_the_graph_also_as_json_schema(talk: Talk) -> None:
@@ -318,3 +319,149 @@ def test_messages_from_outside_reach_their_node_as_words_and_from_standard_input
     reply: Any = None
     while reply is None or reply["load_n"] != 3.0:  # the last message is in the node's inbox, a call is not
         reply = talk.answered("service", "call", "/scale/weigh")
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "exit_codes.md"
+ROW = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)
+WORDS = {
+    "topic info": ("/source/sample",),
+    "topic type": ("/source/sample",),
+    "topic hz": ("/source/sample", "-w", "5"),
+    "topic bw": ("/source/sample", "-w", "5"),
+    "topic delay": ("/source/sample",),
+    "topic pub": ("-1", "/scale/load", "{load_n: 1, samples: []}"),
+    "node info": ("/scale",),
+    "service type": ("/scale/weigh",),
+    "param get": ("/source", "name"),
+    "param set": ("/source", "name", "block"),
+    "interface show": ("Sample",),
+    "bag play": (str(PAGE.parents[2] / "tests/golden/emg.mcap"), "--playback-duration", "0.2"),
+}
+
+
+def promises() -> dict[str, tuple[bool, list[str]]]:
+    """Per verb whether a list comes, and the keys of what it holds."""
+    found = {}
+    table = PAGE.read_text(encoding="utf-8").partition("## Output for programs")[2]
+    for verbs, keys in ROW.findall(table):
+        for verb in re.findall("`([^`]+)`", verbs):
+            found[verb] = (keys.startswith("a list of"), re.findall("`([^`]+)`", keys)[0].split())
+    return found
+
+
+def test_the_page_has_its_promises() -> None:
+    assert set(WORDS) <= set(promises())
+
+
+ASKED_ELSEWHERE = (
+    "param load",
+    "lifecycle set",
+    *(f"action {verb}" for verb in ("info", "type", "send_goal", "cancel")),
+)
+"""The actions' in ``tests/graph/node/test_running_actions.py``, where there is one."""
+
+
+@pytest.mark.parametrize("verb", [verb for verb in promises() if verb not in ASKED_ELSEWHERE])
+def test_a_promised_key_is_there(talk: Talk, verb: str) -> None:
+    is_list, keys = promises()[verb]
+    done = talk.run(*verb.split(), *WORDS.get(verb, ()), "--json")
+    assert done.returncode == 0, done.stderr
+    found: Any = json.loads(done.stdout)
+    assert isinstance(found, list) == is_list
+    for entry in found if is_list else [found]:
+        assert set(keys) <= set(entry)
+
+
+
+def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk: Talk) -> None:
+    done = talk.run("doctor", "--json", "--graph", "talk")
+    found = json.loads(done.stdout)
+    assert [f for f in found["findings"] if f["level"] == "error"] == []
+    assert (done.returncode, found["error"]) == (0, 0)
+    assert found["graphs"] == ["talk"]
+    assert set(found["findings"][0]) == {"where", "level", "text", "advice"}
+    printed = talk.run("doctor", "-r").stdout
+    for part in ("usable", "open files", "2 of 2 nodes answer"):
+        assert part in printed
+    assert talk.run("doctor").stdout.splitlines()[-1].endswith("1 graph running")
+
+
+def test_the_run_directory_of_a_killed_launcher_is_no_error(palp: Palp, tmp_path: Path) -> None:
+    graph = Talk(palp, tmp_path)
+    graph.process.kill()
+    graph.process.wait()
+    assert palp.all_gone()
+    (folder,) = (palp.runtime_dir / "palp").iterdir()
+    printed = graph.run("doctor", "-r").stdout
+    assert f"1 run directory of runs that are over; the latest 20 are kept: {folder.name}" in printed
+    assert graph.run("doctor").returncode == 0
+
+
+def test_top_shows_nodes_and_edges_once(talk: Talk) -> None:
+    shown: Any = talk.answered("top")
+    assert [node["name"] for node in shown["nodes"]] == ["/source", "/scale"]
+    assert all(node["responsive"] and node["memory_bytes"] > 0 for node in shown["nodes"])
+    (edge,) = [edge for edge in shown["edges"] if edge["topic"] == "/source/sample"]
+    assert edge["rate_hz"] > 0.0
+    assert edge["lost"] == 0
+
+
+def on_a_terminal(palp: Palp, *words: str) -> tuple[int, subprocess.Popen[bytes]]:
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        palp.command(*words),
+        env=palp.environment | {"TERM": "xterm"},
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+    )
+    os.close(slave)
+    return master, process
+
+
+def read_until(master: int, pattern: str) -> str:
+    printed = ""
+    while not re.search(pattern, printed, re.DOTALL):
+        assert select.select([master], [], [], PATIENCE_S)[0], printed
+        printed += os.read(master, 65536).decode(errors="replace")
+    return printed
+
+
+def test_a_live_view_is_drawn_again_and_again_until_ctrl_c(talk: Talk) -> None:
+    master, process = on_a_terminal(talk.palp, "top")
+    read_until(master, r"NODE.*/source.*/scale.*TOPIC.*NODE.*/source")
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:  # a terminal without a reader would hold up its writer
+        if select.select([master], [], [], 0.1)[0]:
+            try:
+                os.read(master, 65536)
+            except OSError:
+                break
+    assert process.wait(PATIENCE_S) == 130
+    os.close(master)
+
+
+@pytest.mark.parametrize("compose", [pytest.param((), marks=pytest.mark.nightly), ("--compose",)])
+def test_a_graph_in_simulated_time_is_asked_the_same_way(
+    palp: Palp, tmp_path: Path, compose: tuple[str, ...]
+) -> None:
+    graph = Talk(palp, tmp_path, "clock:=sim", "wait_s:=0.005", *compose)
+    rate: Any = graph.answered("topic", "hz", "/source/sample", "-w", "20")
+    assert rate["clock"] == "sim"
+    assert rate["hz"] == pytest.approx(100.0)
+    assert rate["wall_hz"] is None or rate["wall_hz"] > 0  # twenty may come in one read: no time has passed
+    width: Any = graph.answered("topic", "bw", "/source/sample", "-w", "20")
+    assert width["bytes_per_clock_s"] == pytest.approx(100.0 * width["mean_bytes"])
+    assert graph.answered("lifecycle", "get") == {"/source": "active", "/scale": "active"}
+    assert graph.printed("param", "set", "/scale", "wait_s", "0.004") == "wait_s: 0.005 -> 0.004\n"
+    messages = graph.printed(
+        "topic", "echo", "/source/sample", "-n", "5", "--json", "--qos-reliability", "reliable"
+    )
+    indices = [json.loads(line)["index"] for line in messages.splitlines()]
+    assert indices == list(range(indices[0], indices[0] + 5))
+    shown: Any = graph.answered("top", "-d", "0.2")
+    assert [node["state"] for node in shown["nodes"]] == ["active"] * 2
+    assert graph.run("doctor").returncode == 0
+    assert psutil.pid_exists(shown["nodes"][0]["pid"])
+    graph.process.terminate()
+    assert graph.process.wait(PATIENCE_S) == 143

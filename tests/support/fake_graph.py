@@ -14,6 +14,7 @@ import msgpack
 from palp_core import Message
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory
+from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import topic_of
@@ -84,6 +85,22 @@ class FakeNode:
         out = next(node.out for node in (self, *self._graph.nodes) if node.out.topic == request.topic)
         frames = list(out.kept(request.first, request.last, self.now_ns()))
         return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
+
+
+def health_of(node: str = "a", *edges: EdgeHealth, **fields: Any) -> NodeHealth:
+    """Return how a node does, of which nothing is wrong but for what is given."""
+    counts = ("tick", "overrun", "missed_deadline", "rejected", "unread")
+    fine: dict[str, Any] = {"pid": 1, "lifecycle": "active", "memory_bytes": 1, "cpu_s": 0.0}
+    zero = dict.fromkeys((f"{name}_count" for name in counts), 0)
+    return NodeHealth(node=node, edges=list(edges), **zero | fine | fields)
+
+
+def edge_health(received: int, lost: int = 0, latency_s: float = 0.0) -> EdgeHealth:
+    """Return how the topic of `FakeNode` has come to a reader."""
+    counts: dict[str, Any] = {"received_count": received, "lost_count": lost}
+    counts |= dict.fromkeys(("repeated_count", "late_count", "dropped_count"), 0)
+    counts |= dict.fromkeys((f"latency_{name}_s" for name in ("p50", "p90", "p99", "max")), latency_s)
+    return EdgeHealth(topic="/source/sample", **counts)
 
 
 class FakeGraph:

@@ -12,24 +12,18 @@ import pytest
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
+from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.node.loading import endpoints
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.overview import Overview, WireState
-from tests.support.fake_graph import FakeGraph
+from tests.support.fake_graph import FakeGraph, edge_health, health_of
 
 BEAT_NS = 20_000_000
 
 
 def health(received: int, lost: int = 0, lifecycle: str = "active") -> NodeHealth:
-    latencies: dict[str, Any] = {f"latency_{name}_s": 1e-3 for name in ("p50", "p90", "p99", "max")}
-    counts = {"repeated_count": 0, "late_count": 0, "dropped_count": 0}
-    edge = EdgeHealth(topic="/source/sample", received_count=received, lost_count=lost, **counts, **latencies)
-    zero = dict.fromkeys(("overrun_count", "missed_deadline_count", "rejected_count", "unread_count"), 0)
-    return NodeHealth(
-        node="sink", pid=1, lifecycle=lifecycle, memory_bytes=1, cpu_s=0.0, tick_count=0,
-        edges=[edge], counted_ns=monotonic_ns(), **zero,
-    )  # fmt: skip
+    edges = edge_health(received, lost, 1e-3)
+    return health_of("sink", edges, lifecycle=lifecycle, counted_ns=monotonic_ns())
 
 
 class Shown:

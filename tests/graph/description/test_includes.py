@@ -1,7 +1,8 @@
-"""Included launch files: their nodes, and their arguments, which are the including file's, too."""
+"""Where a parameter gets its value: includes, words that set arguments, what is shared, a command line."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -135,3 +136,149 @@ def test_an_input_whose_argument_is_empty_is_left_open(workspace: Any) -> None:
     (mistake,) = workspace.mistakes(WHOLE.replace("source: torque", 'source: torque, hint: "1"'))
     assert "parts/part.yaml:14:" in mistake
     assert "input 'hint' of node 'estimator' is '1'; write node/port" in mistake
+
+
+SETTING, SETTING_PART = FILES["an argument that sets others"].values()
+GIVEN = "args: {source: torque}"
+
+
+def set_to(
+    workspace: Any, *overrides: str, whole: str = SETTING, part: str = SETTING_PART
+) -> tuple[Any, Any]:
+    workspace.write("launch/parts/part.yaml", part)
+    torque, estimator = workspace.load(whole, *overrides).nodes
+    return torque.params["rate_hz"], estimator.params["gain"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "given", "values"),
+    [
+        ((), GIVEN, (500.0, 1.0)),
+        (("speed:=fast",), GIVEN, (2000.0, 3.0)),
+        (("speed:=fast", "gain:=7"), GIVEN, (2000.0, 7.0)),
+        (("gain:=7", "speed:=fast"), GIVEN, (2000.0, 7.0)),
+        ((), "args: {source: torque, speed: fast}", (2000.0, 3.0)),
+        (("gain:=7",), "args: {source: torque, speed: fast}", (2000.0, 7.0)),
+        (("speed:=fast",), "args: {source: torque, gain: 5.0}", (2000.0, 5.0)),
+    ],
+)
+def test_a_word_sets_defaults_and_what_is_given_on_the_command_line_or_by_an_include_wins(
+    workspace: Any, overrides: tuple[str, ...], given: str, values: tuple[float, float]
+) -> None:
+    assert set_to(workspace, *overrides, whole=SETTING.replace(GIVEN, given)) == values
+
+
+def test_what_the_including_file_declares_wins_over_what_a_word_sets(workspace: Any) -> None:
+    declares = SETTING.replace("clock: sim", "clock: sim\nargs: {gain: {default: 4.0}}")
+    assert set_to(workspace, "speed:=fast", whole=declares) == (2000.0, 4.0)
+
+
+def test_an_argument_of_any_value_sets_by_those_that_it_names(workspace: Any) -> None:
+    anything = SETTING_PART.replace("    choices: [usual, fast]\n", "")
+    assert set_to(workspace, "speed:=fast", part=anything) == (2000.0, 3.0)
+    assert set_to(workspace, "speed:=my.yaml", part=anything) == (500.0, 1.0)
+
+
+def test_it_does_not_matter_which_is_declared_first(workspace: Any) -> None:
+    speed, rest = SETTING_PART.removeprefix("args:\n").split("  source:")
+    moved = f"args:\n  source:{rest.replace('nodes:', f'{speed}nodes:', 1)}"
+    assert set_to(workspace, "speed:=fast", part=moved) == (2000.0, 3.0)
+
+
+def test_what_a_word_sets_is_shown(workspace: Any) -> None:
+    path = workspace.write("launch/parts/part.yaml", SETTING_PART)
+    assert "(fast sets: rate_hz:=2000, gain:=3.0)" in arguments_text(resolve(path, ["source:=a"]))
+
+
+SHARING = FILES["shared parameters"]["graph.yaml"]
+
+
+def test_a_node_is_given_the_shared_parameters_that_its_class_has_and_its_own_go_before(
+    workspace: Any,
+) -> None:
+    found = parameters(workspace.load(SHARING))
+    assert found["torque"] == {"rate_hz": 100.0, "device": "sim", "samples": 50}
+    assert found["other"] == {"rate_hz": 50.0, "device": "sim", "samples": 5}
+    assert found["estimator"] == {"gain": 1.0}
+    assert found["policy"] == {"level": 3}
+    assert parameters(workspace.load(SHARING, "policy:=markov"))["policy"] == {"order": 2}
+
+
+@pytest.mark.parametrize(
+    ("words", "node", "name", "value"),
+    [
+        (["level:=5"], "policy", "level", 5),
+        (["speed:=fast"], "torque", "rate_hz", 2000.0),
+        (["speed:=fast", "shared.rate_hz:=300"], "torque", "rate_hz", 300.0),
+        (["shared.rate_hz:=300"], "other", "rate_hz", 50.0),
+        (["other.rate_hz:=300"], "other", "rate_hz", 300.0),
+        (["other.rate_hz:=300"], "torque", "rate_hz", 100.0),
+        (["torque.device:=uart"], "torque", "device", "uart"),
+    ],
+)
+def test_the_command_line_goes_before_the_file(
+    workspace: Any, words: list[str], node: str, name: str, value: Any
+) -> None:
+    assert parameters(workspace.load(SHARING, *words))[node][name] == value
+
+
+SHARING_PART = """
+    args: {rate_hz: {default: 20.0}}
+    shared: {rate_hz: $(var rate_hz), samples: 7}
+    nodes:
+      torque: {run: nodes.torque:TorqueSensor}
+"""
+
+
+def test_the_including_files_shared_parameters_go_before_and_reach_the_included_nodes(workspace: Any) -> None:
+    workspace.write("launch/part.yaml", SHARING_PART)
+    text = "graph: g\nclock: sim\nshared: {samples: 9}\ninclude: [{file: part.yaml}]\n"
+    own = "nodes: {mine: {run: nodes.torque:TorqueSensor}}\n"
+    found = parameters(workspace.load(text + own, "rate_hz:=30"))
+    assert found["torque"] == found["mine"] == {"rate_hz": 30.0, "device": "sim", "samples": 9}
+
+
+PAIR = """\
+graph: pair
+clock: wall
+shared: {rate_hz: 10.0}
+nodes:
+  source: {run: nodes.torque:TorqueSensor}
+  sink: {run: nodes.record:Record, inputs: {truth: source/truth}}
+"""
+
+
+def test_a_file_included_twice_is_two_rigs_by_their_namespaces(workspace: Any) -> None:
+    workspace.write("launch/pair.yaml", PAIR)
+    found = workspace.load(
+        "graph: both\nclock: wall\nshared: {samples: 3}\ninclude:\n  - {file: pair.yaml, namespace: left}\n"
+        "  - {file: pair.yaml, namespace: right}\n"
+        "nodes:\n  judge: {run: nodes.record:Record, inputs: {truth: left_source/truth}}\n"
+        "  mine: {run: nodes.torque:TorqueSensor}\n",
+        "right_source.rate_hz:=7.0",
+    )
+    assert [spec.name for spec in found.nodes] == [
+        "left_source", "left_sink", "right_source", "right_sink", "judge", "mine",
+    ]  # fmt: skip
+    assert found.nodes[3].inputs == {"truth": "/right_source/truth"}
+    given = parameters(found)
+    assert (given["left_source"]["rate_hz"], given["right_source"]["rate_hz"]) == (10.0, 7.0)
+    assert given["mine"]["rate_hz"] == 1000.0  # what a namespace shares stays in it
+    assert given["left_source"]["samples"] == given["mine"]["samples"] == 3
+
+
+@pytest.mark.parametrize(
+    ("namespace", "expected"),
+    [
+        ("2x", ":4:34: namespace is '2x'; write a letter, then letters, digits and _, at most 32"),
+        ("a" * 32, f"'{'a' * 32}_source' cannot be a node's name; use letters, digits and _, at most 32"),
+    ],
+)
+def test_a_namespace_that_makes_no_names_is_refused(tmp_path: Path, namespace: str, expected: str) -> None:
+    (tmp_path / "pair.yaml").write_text(PAIR, encoding="utf-8")
+    both = tmp_path / "both.yaml"
+    both.write_text(
+        f"graph: both\nclock: wall\ninclude:\n  - {{file: pair.yaml, namespace: {namespace}}}\n",
+        encoding="utf-8",
+    )
+    assert any(expected in str(problem) for problem in resolve(both).problems)

@@ -44,6 +44,7 @@ from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
 from palp_core.graph.problems import GraphProblems
 from palp_core.graph.process.channel import MessageChannel
+from tests.support.fake_graph import health_of
 from tests.support.hosts import LAUNCH, TOYS
 from tests.support.rig_session import check_here
 
@@ -192,15 +193,8 @@ def test_no_bytes_do_harm_to_who_reads_a_word(raw: bytes) -> None:
     assert isinstance(msgspec.msgpack.decode(raw), dict)
 
 
-def health(node: str) -> bytes:
-    does = NodeHealth(
-        node=node, pid=77, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=1, overrun_count=0,
-        missed_deadline_count=0, rejected_count=0, unread_count=0, edges=[],
-    )  # fmt: skip
-    return encode(does)
-
-
 def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
+    torque = encode(health_of("torque", pid=77))
     ours, theirs = socket.socketpair()
     launcher = MessageChannel(ours, msgspec.msgpack.Decoder(FromGateway))
     gateway = Gateway(
@@ -210,11 +204,11 @@ def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Pa
     )
     words = [
         JoinHello(),
-        HealthReport(health=health("torque")),  # of nobody who has joined
+        HealthReport(health=torque),  # of nobody who has joined
         Join(request=JoinRequest(name="guest", run="x:Y", host="h", pid=1)),
         HealthReport(health=b"no health"),
         HealthReport(health=bytes(1 << 20)),
-        *[HealthReport(health=health("torque")) for _ in range(1000)],
+        *[HealthReport(health=torque) for _ in range(1000)],
     ]
     for word in words:
         gateway._on_received(Received(b"connection", "", "127.0.0.1", msgspec.msgpack.encode(word)))

@@ -15,7 +15,7 @@ from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
 from palp_core.graph.problems import GraphProblems
 from palp_core.graph.swap.compatibility import incompatibilities
-from tests.cli.test_json import promises
+from tests.cli.test_commands import promises
 from tests.support.palp import ROOT, Palp, finished
 from tests.support.rig_session import check_here
 from tests.support.supervised import Running

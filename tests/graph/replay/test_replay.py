@@ -9,10 +9,8 @@ import signal
 import subprocess
 from pathlib import Path
 from typing import Any
-
 import msgspec
 import pytest
-
 from palp_core.graph.bag.edit import rewrite
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.writer import BagWriter
@@ -20,6 +18,12 @@ from tests.support.live import ended, recording
 from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
 from tests.support.rig_session import RigSession
 from tests.support.supervised import Running
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.stream import Stream
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.replay.streams import LATE_NS, OrderedMessages, RecordedInputs, key_of
 
 RIG = "policy,actuator,stage,torque,emg,estimator,phantom,cocontraction"
 GOLDEN = Path(__file__).parents[2] / "golden/session.mcap"
@@ -231,3 +235,46 @@ def test_what_cannot_be_replayed_is_refused_by_name(palp: Palp, whole_bag: Path,
         refused = palp.run("bag", "replay", bag, "--nodes", node, "--launch", launch)
         assert refused.returncode not in (0, 1)
         assert all(word in refused.stderr for word in words)
+
+
+TOPIC = Topic(name="/a/b")
+
+
+def bag_of(folder: Path, messages: list[tuple[int, int, int]]) -> Path:
+    """Write messages of (epoch, sequence, log time)."""
+    with BagWriter(folder) as writer:
+        for epoch, sequence, log_ns in messages:
+            writer.write(writer.stream(Stream(topic=TOPIC, epoch=epoch)), sequence, log_ns, log_ns, b"\x80")
+    return folder
+
+
+@settings(max_examples=25)
+@given(st.permutations(range(1, 9)), st.permutations(range(1, 5)))
+def test_late_messages_stand_where_they_belong(
+    tmp_path_factory: object, first: list[int], second: list[int]
+) -> None:
+    folder = tmp_path_factory.mktemp("bag") / "run"  # type: ignore[attr-defined]
+    found = [(0, n) for n in first] + [(1, n) for n in second]
+    bag_of(folder, [(epoch, n, place) for place, (epoch, n) in enumerate(found)])
+    with Bag(folder) as bag:
+        assert [key_of(m) for m in OrderedMessages(bag, "/a/b")] == sorted(found)
+
+
+def test_a_repeated_message_comes_once_and_a_gap_holds_nothing_up_for_long(tmp_path: Path) -> None:
+    late = 2 * LATE_NS
+    found = [(0, 1, 0), (0, 2, 1), (0, 2, 2), (0, 4, 3), (0, 5, 4), (0, 6, late), (0, 3, late + 1)]
+    bag_of(tmp_path / "run", found)
+    with Bag(tmp_path / "run") as bag:
+        assert [m.sequence for m in OrderedMessages(bag, "/a/b")] == [1, 2, 4, 5, 6]
+
+
+def test_an_input_is_found_wherever_it_is_near(tmp_path: Path) -> None:
+    bag_of(tmp_path / "run", [(0, n, n) for n in (1, 2, 3, 5, 6)])
+    with Bag(tmp_path / "run") as bag:
+        inputs = RecordedInputs(bag)
+        for sequence in (2, 1, 6, 3):  # replies may come in another order than requests were made
+            found = inputs.find("/a/b", 0, sequence)
+            assert found is not None
+            assert found.sequence == sequence
+        assert inputs.find("/a/b", 0, 4) is None
+        assert inputs.find("/a/b", 1, 1) is None

@@ -18,15 +18,9 @@ from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.liveness import GIVE_UP_NS, HANG_NS, Liveness
 from palp_core.graph.supervision.managed_process import STABLE_NS, ManagedProcess
 from palp_core.graph.supervision.restarts import READY_NS, Restarts
+from tests.support.fake_graph import health_of
 
 S = 1_000_000_000
-
-
-def health(name: str = "a") -> NodeHealth:
-    return NodeHealth(
-        node=name, pid=1, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=0, overrun_count=0,
-        missed_deadline_count=0, rejected_count=0, unread_count=0, edges=[],
-    )  # fmt: skip
 
 
 def look_each_second(liveness: Liveness[int], until_ns: int, start_ns: int = 0) -> list[tuple[int, int]]:
@@ -71,7 +65,7 @@ class Stage:
         """All are at work and have been heard."""
         for index, process in enumerate(self.processes):
             process.configured = process.matched = True
-            self.restarts.on_health(index, encode(health(process.spec.name)))
+            self.restarts.on_health(index, encode(health_of(process.spec.name)))
         self.turn(self.now_ns)
         self.done.clear()
 
@@ -100,16 +94,16 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stage:
 def test_silence_begins_when_a_node_was_last_heard() -> None:
     liveness = Liveness[int]()
     liveness.expect(0, 0)
-    liveness.record(0, health(), 0)
+    liveness.record(0, health_of(), 0)
     assert look_each_second(liveness, HANG_NS - 1) == []
-    liveness.record(0, health(), 2 * S)
+    liveness.record(0, health_of(), 2 * S)
     assert look_each_second(liveness, 2 * S + HANG_NS, HANG_NS) == [(0, HANG_NS)]
 
 
 def test_nobody_is_blamed_for_time_in_which_the_supervisor_itself_stood_still() -> None:
     liveness = Liveness[int]()
     liveness.expect(0, 0)
-    liveness.record(0, health(), 0)
+    liveness.record(0, health_of(), 0)
     look_each_second(liveness, S)
     assert list(liveness.unresponsive(100 * S)) == []
     assert look_each_second(liveness, 101 * S, 100 * S) == []
@@ -120,7 +114,7 @@ def test_a_node_that_has_never_been_heard_or_has_ended_is_not_missed() -> None:
     liveness = Liveness[int]()
     liveness.expect(0, 0)
     liveness.expect(1, 0)
-    liveness.record(1, health(), 0)
+    liveness.record(1, health_of(), 0)
     liveness.forget(1)
     assert look_each_second(liveness, 20 * S) == []
     assert liveness.health == []
@@ -129,8 +123,8 @@ def test_a_node_that_has_never_been_heard_or_has_ended_is_not_missed() -> None:
 def test_an_unresponsive_node_is_said_once_and_so_is_its_return(stage: Stage) -> None:
     stage.turn(2 * HANG_NS)
     assert stage.said == [("unresponsive", "a"), ("unresponsive", "b")]
-    stage.restarts.on_health(1, encode(health("b")))
-    stage.restarts.on_health(1, encode(health("b")))
+    stage.restarts.on_health(1, encode(health_of("b")))
+    stage.restarts.on_health(1, encode(health_of("b")))
     assert stage.said[2:] == [("responsive", "b")]
     assert stage.done == []
 
