@@ -1,22 +1,24 @@
 """The verbs on a running graph: what they print, for people and for machines, and what they refuse."""
 
 from __future__ import annotations
+
 import itertools
 import json
+import os
+import pty
+import re
+import select
 import shlex
 import signal
 import subprocess
 from pathlib import Path
 from typing import Any, cast
+
 import psutil
 import pytest
-from tests.support.palp import PATIENCE_S, Palp
+
+from tests.support.palp import PATIENCE_S, Palp, end
 from tests.support.talkative import Talk, talk
-import re
-from typing import Any
-import os
-import pty
-import select
 
 __all__ = ["talk"]
 
@@ -156,8 +158,7 @@ def test_hz_of_a_rare_topic_reports_that_it_is_silent(talk: Talk) -> None:
     process = talk.palp.start("topic", "hz", "/source/rare")
     assert process.stderr is not None
     assert "/source/rare: no new message for" in process.stderr.readline()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 130
+    end(process)
 
 
 def test_delay_is_what_the_readers_have_counted(talk: Talk) -> None:
@@ -303,8 +304,7 @@ def test_messages_from_outside_reach_their_node_as_words_and_from_standard_input
     sender = talk.palp.start(*words)
     seen, _ = listener.communicate(timeout=PATIENCE_S)
     assert json.loads(seen) == {"load_n": 2.6, "note": "on"}
-    sender.send_signal(signal.SIGINT)
-    assert sender.wait(PATIENCE_S) == 130
+    end(sender)
     text = "load_n: 1\nsamples: [1]\n---\nload_n: 2\nsamples: [1]\n---\n"
     command = talk.palp.command("topic", "pub", "/scale/load", "--stdin", "-r", "100", "--json")
     done = subprocess.run(
@@ -370,7 +370,6 @@ def test_a_promised_key_is_there(talk: Talk, verb: str) -> None:
     assert isinstance(found, list) == is_list
     for entry in found if is_list else [found]:
         assert set(keys) <= set(entry)
-
 
 
 def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk: Talk) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -38,7 +39,8 @@ MOST_SHOWN = 4000
 """Characters of each log that a failure shows."""
 
 QUICK = {
-    *("action", "node", "topic", "param", "lifecycle", "service", "swap", "logs"),
+    *("action", "node", "topic", "param", "lifecycle", "service", "swap", "logs", "interface"),
+    *("doctor", "top"),
     *(("graph", verb) for verb in ("list", "end")),
     *(("bag", verb) for verb in ("info", "recover", "diff", "replay", "snapshot")),
 }
@@ -102,6 +104,20 @@ class Palp:
         refused = isinstance(done.exception, PalpError)
         errors = done.stderr + (f"{done.exception}\n" if refused else "")
         return subprocess.CompletedProcess([], 2 if refused else done.exit_code, done.stdout, errors)
+
+    def printed(self, *arguments: object) -> str:
+        """Run a verb, which succeeds; return what it prints."""
+        launches = arguments[0] == "launch" and "--compose" not in arguments
+        done = self.here(*arguments) if launches else self.run(*arguments)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    def refused(self, *arguments: object) -> str:
+        """Run a verb in this process, which ends with status 2; return its error."""
+        done = self.here(*arguments)
+        assert done.returncode == 2, (done.stdout, done.stderr)
+        assert "Traceback" not in done.stderr
+        return done.stderr
 
     def start(self, *arguments: object) -> subprocess.Popen[str]:
         process = self._popen(*arguments)
@@ -207,6 +223,14 @@ def wait_for_line(process: subprocess.Popen[str], start: str) -> None:
         if line.startswith(start):
             return
     raise AssertionError(f"ended before '{start}': {process.stderr.read() if process.stderr else ''}")
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> str:
+    """Let a signal end a command, with its status; return what it printed on standard error."""
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 128 + number, errors
+    return errors
 
 
 def finished(process: subprocess.Popen[str]) -> tuple[int, str]:

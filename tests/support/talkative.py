@@ -1,7 +1,6 @@
 """A small running graph with everything that the command line can ask for."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -165,23 +164,7 @@ class Talk:
         self.folder = folder
         self.process = palp.start("launch", folder / "launch" / "talk.yaml", *arguments)
         wait_for_line(self.process, "talk: ")
-
-    def run(self, *words: object) -> subprocess.CompletedProcess[str]:
-        """Run a verb."""
-        return self.palp.here(*words)
-
-    def printed(self, *words: object) -> str:
-        """Return what a verb prints; it succeeds."""
-        done = self.run(*words)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    def refused(self, *words: object) -> str:
-        """Return the error of a verb; it ends with status 2 and prints nothing else."""
-        done = self.run(*words)
-        assert done.returncode == 2, (done.stdout, done.stderr)
-        assert "Traceback" not in done.stderr
-        return done.stderr
+        self.run, self.printed, self.refused = palp.here, palp.printed, palp.refused
 
     def answered(self, *words: object) -> object:
         """Return the last line that a verb prints with --json."""

@@ -71,9 +71,8 @@ def test_without_the_extra_a_line_says_what_to_install(
     known = importlib.util.find_spec
     hide = lambda name, *rest: None if name == "nicegui" else known(name, *rest)  # noqa: E731
     monkeypatch.setattr(importlib.util, "find_spec", hide)
-    done = palp.here(*words)
-    assert done.returncode == 2
-    assert done.stderr == f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}\n"
+    done = palp.refused(*words)
+    assert done == f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}\n"
 
 
 def test_what_cannot_be_shown_is_refused(palp: Palp, server: PageServer, bag: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import pytest
 from palp_core.graph.messages.frame import HEADER_BYTES, VERSION, Kind, pack, parse
 from palp_core.graph.process.node_services import NodeServices
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
-from tests.support.palp import PATIENCE_S, ROOT, own_palp
+from tests.support.palp import PATIENCE_S, ROOT, end, own_palp
 
 EXAMPLE = ROOT / "examples" / "interop"
 
@@ -63,8 +64,7 @@ def running() -> Iterator[Path]:
                 raise AssertionError(f"ended with {process.wait(0.02)}: {process.communicate()}")
         _until_it_runs(found[0])
         yield found[0]
-        process.terminate()
-        assert process.wait(PATIENCE_S) == 143
+        end(process, signal.SIGTERM)
 
 
 def _until_it_runs(record: Path) -> None:

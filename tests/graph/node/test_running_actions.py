@@ -50,18 +50,16 @@ def test_the_page_shows_the_example_as_it_is() -> None:
 
 
 def test_processes_and_composition_say_the_same_and_every_node_replays(palp: Palp, tmp_path: Path) -> None:
-    done = palp.here("launch", CARRY, "--digest", tmp_path / "processes.json", "--record", tmp_path / "bag")
-    assert done.returncode == 0, done.stderr
+    palp.printed("launch", CARRY, "--digest", tmp_path / "processes.json", "--record", tmp_path / "bag")
     composed = palp.run("launch", CARRY, "--compose", "--digest", tmp_path / "composed.json")
     assert composed.returncode == 0, composed.stderr
     assert (tmp_path / "processes.json").read_bytes() == (tmp_path / "composed.json").read_bytes()
     with Bag(tmp_path / "bag") as bag:
         assert {"/arm/move/_action/feedback", "/arm/move/_action/status"} < set(bag.topics())
-    replay = palp.run(
+    replay = palp.printed(
         "bag", "replay", tmp_path / "bag", "--nodes", "arm,carrier", "--launch", CARRY, "--json"
     )
-    assert replay.returncode == 0, replay.stdout + replay.stderr
-    for node in json.loads(replay.stdout):
+    for node in json.loads(replay):
         assert node["divergence"] is None
         assert node["compared"] > 5
 

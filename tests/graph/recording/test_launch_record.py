@@ -102,16 +102,13 @@ def test_a_launch_file_may_have_a_recorder_among_its_nodes(
     palp: Palp, workspace: Path, tmp_path: Path
 ) -> None:
     bag = tmp_path / "bag"
-    done = palp.here("launch", workspace, "count:=50", f"bag:={bag}")
-    assert done.returncode == 0, done.stderr
-    assert f"{bag}: " in done.stdout
+    done = palp.printed("launch", workspace, "count:=50", f"bag:={bag}")
+    assert f"{bag}: " in done
     assert to_numpy(bag, "/source/sample", "index").tolist() == list(range(50))
     info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
     assert info["complete"]
     assert "/source/progress" not in info["topics"]
-    again = palp.here("launch", workspace, "count:=50", f"bag:={bag}")
-    assert again.returncode == 2
-    assert "exists already" in again.stderr
+    assert "exists already" in palp.refused("launch", workspace, "count:=50", f"bag:={bag}")
     printed = palp.here("graph", "show", workspace)
     assert "palp_core.graph.recording.recorder_node:Recorder" in printed.stdout
 
@@ -146,9 +143,8 @@ def test_recorders_write_the_last_seconds_on_request_and_after_a_crash(
     wait_for_line(graph, "blocks: 1/")
     recorder = recording(palp, "-a", "-o", other, "--snapshot", "0.3")
     assert palp.run("topic", "echo", "/source/sample", "--times", "25").returncode == 0  # half a second
-    asked = palp.run("bag", "snapshot")
-    assert asked.returncode == 0, asked.stderr
-    assert asked.stdout.count("nothing missing") == 2
+    asked = palp.printed("bag", "snapshot")
+    assert asked.count("nothing missing") == 2
     assert palp.here("service", "call", "/tape/save").returncode == 0
     for folder in (bag, bag.with_name("last-1"), other):
         assert len(to_numpy(folder, "/source/sample", "index")) > 0
@@ -187,15 +183,13 @@ def test_a_recorder_that_hangs_keeps_no_other_from_finishing_its_bag(
 
 
 def test_in_lockstep_a_recording_holds_every_message_from_the_first(palp: Palp, tmp_path: Path) -> None:
-    done = palp.here("launch", CHAIN, "clock:=sim", "count:=50", "--record", tmp_path / "processes")
-    assert done.returncode == 0, done.stderr
-    assert "nothing missing" in done.stdout
+    done = palp.printed("launch", CHAIN, "clock:=sim", "count:=50", "--record", tmp_path / "processes")
+    assert "nothing missing" in done
     chain: dict[str, object] = {"clock": "sim", "count": 50}
     with own_workspace(), ComposedGraph(CHAIN, record=tmp_path / "composed", **chain) as graph:
         graph.run()
     assert graph.recorders.complete
-    equal = palp.run("bag", "diff", tmp_path / "composed", tmp_path / "processes")
-    assert equal.returncode == 0, equal.stdout
+    palp.printed("bag", "diff", tmp_path / "composed", tmp_path / "processes")
     indices = to_numpy(tmp_path / "composed", "/relay/amplified", "index")
     assert indices.tolist() == list(range(50))
     raw = np.stack([m.value.torque_n_m for m in read(tmp_path / "composed", ["/source/sample"])])

@@ -63,10 +63,9 @@ def recorded(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> tup
     for name, text in (("again", REPLAYED), ("open", OPEN_RELAY)):
         (workspace / "launch" / f"{name}.yaml").write_text(text)
     launch = workspace / "launch" / "chain.yaml"
-    done = shared_palp.run(
+    shared_palp.printed(
         "launch", launch, "clock:=sim", f"count:={COUNT}", "--compose", "--record", folder / "bag"
     )
-    assert done.returncode == 0, done.stderr
     return folder / "bag", workspace / "launch"
 
 
@@ -141,11 +140,10 @@ def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -
     assert "/source" in palp.run("node", "list").stdout
     assert "/relay/amplified" not in palp.run("topic", "list").stdout
     assert palp.here("bag", "play", bag, "-t", "/no/where").returncode == 2
-    echo = palp.run(
+    echo = palp.printed(
         "topic", "echo", "/source/sample", "--times", "3", "--json", "--qos-reliability", "reliable"
     )
-    assert echo.returncode == 0, echo.stderr
-    indices = [json.loads(line)["index"] for line in echo.stdout.splitlines()]
+    indices = [json.loads(line)["index"] for line in echo.splitlines()]
     assert indices == [0, 1, 2]
     assert process.wait(PATIENCE_S) == 0
     assert not list(palp.runtime_dir.glob("palp/play-*"))
@@ -225,13 +223,11 @@ def test_a_bag_plays_into_a_running_graph_in_place_of_a_node(
     while "active" not in palp.run("lifecycle", "get", "/relay").stdout:
         with pytest.raises(subprocess.TimeoutExpired):
             graph.wait(0.05)
-    refused = palp.here("bag", "play", bag, "--graph", "open")
-    assert refused.returncode == 2
-    assert "takes none of the bag's topics from outside; it takes: /relay/sample" in refused.stderr
-    wrong = palp.here("bag", "play", bag, "--graph", "open", "-m", "/source/progress:=/relay/sample")
-    assert wrong.returncode == 2
-    assert "/relay/sample takes another type than Progress" in wrong.stderr
-    played = palp.run("bag", "play", bag, "--graph", "open", "-m", "/source/sample:=/relay/sample", "-r", "5")
+    play = ("bag", "play", bag, "--graph", "open")
+    assert "takes none of the bag's topics from outside; it takes: /relay/sample" in palp.refused(*play)
+    wrong = palp.refused(*play, "-m", "/source/progress:=/relay/sample")
+    assert "/relay/sample takes another type than Progress" in wrong
+    played = palp.run(*play, "-m", "/source/sample:=/relay/sample", "-r", "5")
     assert played.returncode == 0, played.stderr
     assert "no port of graph 'open' takes /relay/amplified, /source/progress" in played.stderr
     assert graph.wait(PATIENCE_S) == 0
@@ -244,8 +240,7 @@ def test_a_recording_takes_the_place_of_a_live_node(palp: Palp, recorded: tuple[
     wait_for_line(graph, "blocks: 1/")
     echo = ("topic", "echo", "/relay/amplified", "--field", "index", "--csv")
     live = int(palp.run(*echo, "--times", str(COUNT + 2)).stdout.split()[-1])
-    done = palp.run("swap", "source", "palp_core.graph.replay.player:Player", f"bag:={bag}", "rate:=0.02")
-    assert done.returncode == 0, done.stderr
+    palp.printed("swap", "source", "palp_core.graph.replay.player:Player", f"bag:={bag}", "rate:=0.02")
     assert int(palp.run(*echo, "--once").stdout) < COUNT < live
 
 
@@ -253,11 +248,9 @@ def test_in_lockstep_a_bag_as_the_source_gives_the_recorded_outputs(
     palp: Palp, recorded: tuple[Path, Path], tmp_path: Path
 ) -> None:
     bag, launch = recorded
-    done = palp.here("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again")
-    assert done.returncode == 0, done.stderr
+    palp.printed("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again")
     for topic in ("/source/sample", "/relay/amplified"):
-        equal = palp.run("bag", "diff", bag, tmp_path / "again", "-t", topic)
-        assert equal.returncode == 0, equal.stdout
+        palp.printed("bag", "diff", bag, tmp_path / "again", "-t", topic)
 
 
 def test_what_is_wrong_with_a_bag_in_a_launch_file_has_its_line(tmp_path: Path) -> None:
@@ -282,6 +275,4 @@ def test_wrong_words_are_refused_with_what_would_be_right(palp: Palp, recorded: 
         (("--graph", "none"), "no graph named 'none' is running"),
     )
     for words, text in wrong:
-        refused = palp.here("bag", "play", bag, *words)
-        assert refused.returncode == 2, words
-        assert text in refused.stderr
+        assert text in palp.refused("bag", "play", bag, *words)

@@ -9,30 +9,30 @@ import signal
 import subprocess
 from pathlib import Path
 from typing import Any
+
 import msgspec
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from palp_core.graph.bag.edit import rewrite
 from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.replay.streams import LATE_NS, OrderedMessages, RecordedInputs, key_of
 from tests.support.live import ended, recording
 from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
 from tests.support.rig_session import RigSession
 from tests.support.supervised import Running
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.stream import Stream
-from palp_core.graph.messages.topic import Topic
-from palp_core.graph.replay.streams import LATE_NS, OrderedMessages, RecordedInputs, key_of
 
 RIG = "policy,actuator,stage,torque,emg,estimator,phantom,cocontraction"
 GOLDEN = Path(__file__).parents[2] / "golden/session.mcap"
 
 
 def replayed(palp: Palp, bag: Path, nodes: str, launch: Path = CHAIN) -> list[dict[str, Any]]:
-    done = palp.run("bag", "replay", bag, "--nodes", nodes, "--launch", launch, "--compare", "--json")
-    assert done.returncode == 0, done.stdout + done.stderr
-    found: list[dict[str, Any]] = json.loads(done.stdout)
+    done = palp.printed("bag", "replay", bag, "--nodes", nodes, "--launch", launch, "--compare", "--json")
+    found: list[dict[str, Any]] = json.loads(done)
     return found
 
 
@@ -40,9 +40,8 @@ def replayed(palp: Palp, bag: Path, nodes: str, launch: Path = CHAIN) -> list[di
 def whole_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of the chain, recorded from its start to its end."""
     bag = tmp_path_factory.mktemp("whole") / "bag"
-    done = shared_palp.here("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
-    assert done.returncode == 0, done.stderr
-    assert "nothing missing" in done.stdout
+    done = shared_palp.printed("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
+    assert "nothing missing" in done
     return bag
 
 
@@ -79,8 +78,7 @@ def test_recordings_replay_over_changed_parameters_states_and_classes_from_the_s
         ("swap", "source", "nodes.source:Source"),
         ("topic", "echo", "/relay/amplified", "--times", "20"),
     ):
-        done = palp.run(*words)
-        assert done.returncode == 0, done.stderr
+        palp.printed(*words)
     graph.send_signal(signal.SIGINT)
     assert "nothing missing" in ended(recorder, None)  # it ends with its graph
     assert [m.value.kind for m in read(later, ["/graph/events"])][-1] == "ending"

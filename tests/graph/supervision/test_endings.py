@@ -11,7 +11,7 @@ import pytest
 from palp_core.counted import counted
 from palp_core.graph.supervision.supervisor import STILL_WAITING_S
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
-from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
+from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line, end
 import os
 import pickle
 from palp_core.graph.supervision import interrupt
@@ -79,9 +79,8 @@ def test_a_graph_is_ended_from_elsewhere_as_ctrl_c_at_its_launch_ends_it(palp: P
     name = json.loads(palp.run("graph", "list", "--json").stdout)[0]["name"]
     assert "no graph named 'none' is running" in palp.run("graph", "end", "none").stderr
     assert "name two graphs" in palp.run("graph", "end", name, "--graph", "none").stderr
-    done = palp.run("graph", "end", "--graph", name)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"graph '{name}' (id ")
+    done = palp.printed("graph", "end", "--graph", name)
+    assert done.startswith(f"graph '{name}' (id ")
     assert palp.all_gone()  # at once: it has waited for the end
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 128 + signal.SIGINT
@@ -111,8 +110,7 @@ def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(
     psutil.Process(node_pid(palp, "relay")).suspend()
     assert process.stderr is not None
     assert any("still waiting for relay" in line for line in process.stderr)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 130
+    end(process)
     assert palp.all_gone()
 
 

@@ -21,7 +21,7 @@ from palp_core.graph.process.control_messages import Hello, Round, Shutdown, nod
 from palp_core.graph.supervision import fork_server, interrupt
 from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.user_folders import runtime_folder
-from tests.support.palp import CHAIN, FOREVER_NS, PATIENCE_S, Palp
+from tests.support.palp import CHAIN, FOREVER_NS, PATIENCE_S, Palp, end
 from tests.support.toys import LAUNCH, Hostile, Pipe
 
 
@@ -31,8 +31,7 @@ def hostile(palp: Palp, tmp_path: Path) -> Hostile:
 
 
 def test_what_a_node_has_started_apart_goes_with_it(hostile: Hostile) -> None:
-    done = hostile.run("deed:=daemon")
-    assert done.returncode == 0, done.stderr
+    assert hostile.run("deed:=daemon").returncode == 0
     assert hostile.palp.all_gone()
     assert "in order" in hostile.notes.read_text()
 
@@ -109,8 +108,7 @@ def test_an_import_that_never_ends_can_be_interrupted(hostile: Hostile) -> None:
     file = hostile.write("launch/e.yaml", "graph: e\nclock: sim\nnodes: {a: {run: 'nodes.endless:A'}}\n")
     process = hostile.palp.start("launch", file)
     ready.wait()
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 130
+    end(process)
     assert hostile.palp.all_gone()
 
 
@@ -152,8 +150,7 @@ def test_a_node_that_neither_reads_nor_finishes_its_sentence_does_not_stop_the_s
 
 def test_ten_megabytes_a_message_arrive(hostile: Hostile) -> None:
     arrived = hostile.folder / "arrived"
-    done = hostile.run("clock:=wall", "size:=10000000", "count:=3", f"arrived:={arrived}")
-    assert done.returncode == 0, done.stderr
+    assert hostile.run("clock:=wall", "size:=10000000", "count:=3", f"arrived:={arrived}").returncode == 0
     assert arrived.read_text() == "0 10000000\n1 10000000\n2 10000000\n"
 
 
@@ -172,8 +169,7 @@ def test_two_nodes_killed_at_once_are_both_accounted_for(hostile: Hostile) -> No
 def test_a_slow_reader_reaches_its_safe_state_when_the_terminal_is_closed(hostile: Hostile) -> None:
     process = hostile.start("clock:=wall", "deed:=slow", "rate_hz:=200.0", "count:=1000000")
     hostile.palp.run("topic", "echo", "/bad/passed", "--times", "20")
-    process.send_signal(signal.SIGHUP)
-    assert process.wait(PATIENCE_S) == 128 + signal.SIGHUP
+    end(process, signal.SIGHUP)
     assert hostile.notes.read_text().splitlines()[-1] == "deactivate"
 
 
@@ -183,8 +179,7 @@ def test_a_restart_that_fails_is_tried_again_and_the_new_process_is_listed(hosti
     assert hostile.notes.read_text().splitlines().count("configure") == 4
     listed = json.loads(hostile.palp.run("node", "list", "--json").stdout)
     assert all(psutil.pid_exists(node["pid"]) for node in listed)
-    process.terminate()
-    assert process.wait(PATIENCE_S) == 143
+    end(process, signal.SIGTERM)
 
 
 def test_sets_have_the_same_order_composed_as_in_processes(hostile: Hostile) -> None:
@@ -204,9 +199,8 @@ def test_an_exit_code_that_a_shell_cannot_tell_from_success_is_a_failure(hostile
 
 
 def test_a_digest_that_cannot_be_written_is_told_before_the_run(hostile: Hostile) -> None:
-    done = hostile.palp.here("launch", hostile.file, "--digest", "/nowhere/digest.json")
-    assert done.returncode == 2
-    assert done.stderr.startswith("--digest /nowhere/digest.json: cannot be written")
+    done = hostile.palp.refused("launch", hostile.file, "--digest", "/nowhere/digest.json")
+    assert done.startswith("--digest /nowhere/digest.json: cannot be written")
 
 
 def test_a_silent_topic_is_given_up_although_heartbeats_come(hostile: Hostile) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
-from tests.support.palp import PATIENCE_S, Palp, wait_for_line
+from tests.support.palp import PATIENCE_S, Palp, end, wait_for_line
 from tests.support.supervised import Running
 from tests.support.toys import Hostile
 
@@ -123,6 +123,5 @@ def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
     assert f"source: [WARNING] [supervisor]: {killed}" in graph.log("merged")
     assert counted(graph, graph.process("source").pid) == BURST
     assert json.loads(restarted.data)["missing"] == []
-    process.terminate()
-    assert process.wait(PATIENCE_S) == 143
+    end(process, signal.SIGTERM)
     assert palp.all_gone()

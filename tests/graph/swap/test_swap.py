@@ -105,8 +105,7 @@ def test_a_class_given_by_its_file_is_the_one_that_runs_and_parameters_alone_cha
     stage: Stage,
 ) -> None:
     palp, file = stage.palp, stage.launch.parents[1] / "swap_toys.py"
-    done = palp.run("swap", "relay", "gain:=3")
-    assert done.returncode == 0, done.stderr
+    palp.printed("swap", "relay", "gain:=3")
     stage.graph.ask("relay", "set_parameters", parameters={"gain": 4})
     report = stage.swap(f"{file}:Relay")["report"]
     assert (report["before"], report["after"]) == ("swap_toys:Relay", "swap_toys:Relay")
@@ -252,9 +251,8 @@ def test_the_command_line_swaps_a_file_of_the_users_and_reloads_it(stage: Stage,
     mine = tmp_path / "elsewhere" / "mine.py"
     mine.parent.mkdir()
     mine.write_text("from swap_toys import Relay\n\n\nclass Mine(Relay):\n    word = 'one'\n")
-    done = palp.run("swap", "relay", f"{mine}:Mine", "gain:=2")
-    assert done.returncode == 0, done.stderr
-    assert "gap" in done.stdout
+    done = palp.printed("swap", "relay", f"{mine}:Mine", "gain:=2")
+    assert "gap" in done
     stage.passes(20)
     mine.write_text("from swap_toys import Other\n\n\nclass Mine(Other):\n    word = 'two'\n")
     done = palp.run("swap", "relay", "--reload", "--json")
@@ -424,12 +422,10 @@ def test_the_policy_that_the_tutorial_shows_takes_over_in_the_middle_of_a_run(
     (tmp_path / "my_policy.py").write_text(source)
     run = palp.start("launch", SIM, "trials:=100000", "training:=3", f"out:={tmp_path / 'out'}")
     wait_for_line(run, "estimation")
-    done = palp.run("swap", "policy", tmp_path / "my_policy.py:MyPolicy")
-    assert done.returncode == 0, done.stderr
-    assert "my_policy.py:MyPolicy at" in done.stdout
-    tried = palp.run("swap", "policy", "nodes.policy_uniform:Uniform", "--shadow", "60", "--dry-run")
-    assert tried.returncode == 0, tried.stderr
-    assert "messages of both compared" in tried.stdout
+    done = palp.printed("swap", "policy", tmp_path / "my_policy.py:MyPolicy")
+    assert "my_policy.py:MyPolicy at" in done
+    tried = palp.printed("swap", "policy", "nodes.policy_uniform:Uniform", "--shadow", "60", "--dry-run")
+    assert "messages of both compared" in tried
     assert palp.run("swap", "policy", "--reload").returncode == 0
     refused = palp.run("swap", "stage", "nodes.stage:Stage")
     assert refused.returncode == 11
