@@ -11,6 +11,7 @@ from palp_core.cli.launch.launch import log_levels
 from palp_core.cli.main import main
 from palp_core.errors import GraphError
 from tests.support.palp import CHAIN, SIM, Palp
+from tests.support.supervised import write_files
 
 COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
     (("graph", "args", SIM), 0, ("Arguments (pass arguments as '<name>:=<value>'):", "'policy':")),
@@ -99,9 +100,8 @@ class Loud(Node):
 
 
 def test_a_nodes_text_commands_no_terminal(palp: Palp, tmp_path: Path) -> None:
-    (tmp_path / "nodes").mkdir()
-    (tmp_path / "nodes/loud.py").write_text(LOUD)
-    (tmp_path / "loud.yaml").write_text("graph: loud\nclock: sim\nnodes: {loud: {run: 'nodes.loud:Loud'}}\n")
+    graph = "graph: loud\nclock: sim\nnodes: {loud: {run: 'nodes.loud:Loud'}}\n"
+    write_files(tmp_path, {"nodes/loud.py": LOUD, "loud.yaml": graph})
     launched = palp.run("launch", tmp_path / "loud.yaml")
     kept = palp.run("logs", "--graph", "loud")
     text = launched.stdout + launched.stderr + kept.stdout

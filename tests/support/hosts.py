@@ -17,7 +17,7 @@ import zmq
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
 from palp_core.graph.node.spec import LAUNCHER
-from tests.support.palp import PATIENCE_S, Palp, short_folder
+from tests.support.palp import PATIENCE_S, Palp, short_folder, wait_for_error
 from tests.support.supervised import Running, write_files
 
 TOYS = '''
@@ -206,13 +206,7 @@ class Launched(Running):
 
     def until_printed(self, words: str) -> str:
         """Wait until the launcher prints a line with these words; return it."""
-        assert self.launcher.stderr is not None
-        lines = []
-        for line in self.launcher.stderr:
-            lines.append(line)
-            if words in line:
-                return line
-        raise AssertionError(f"ended without '{words}' but: {''.join(lines)}")
+        return wait_for_error(self.launcher, words)
 
     @property
     def guests(self) -> list[str]:

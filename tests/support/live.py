@@ -5,17 +5,14 @@ from __future__ import annotations
 import signal
 import subprocess
 
-from tests.support.palp import PATIENCE_S, Palp
+from tests.support.palp import PATIENCE_S, Palp, wait_for_error
 
 
 def recording(palp: Palp, *arguments: object) -> subprocess.Popen[str]:
     """Start a recorder; return when it says that it records."""
     process = palp.start("bag", "record", *arguments)
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.startswith("recording "):
-            return process
-    raise AssertionError("the recorder ended before it recorded")
+    wait_for_error(process, "recording ")
+    return process
 
 
 def ended(process: subprocess.Popen[str], number: signal.Signals | None = signal.SIGINT) -> str:

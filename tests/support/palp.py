@@ -225,6 +225,17 @@ def wait_for_line(process: subprocess.Popen[str], start: str) -> None:
     raise AssertionError(f"ended before '{start}': {process.stderr.read() if process.stderr else ''}")
 
 
+def wait_for_error(process: subprocess.Popen[str], words: str) -> str:
+    """Read what a process prints on standard error until a line has these words; return it."""
+    assert process.stderr is not None
+    lines = []
+    for line in process.stderr:
+        lines.append(line)
+        if words in line:
+            return line
+    raise AssertionError(f"ended without '{words}' but: {''.join(lines)}")
+
+
 def end(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> str:
     """Let a signal end a command, with its status; return what it printed on standard error."""
     process.send_signal(number)

@@ -85,14 +85,6 @@ def test_what_ros_cannot_say_is_named(schema: dict[str, Any], words: str) -> Non
         message_texts(schema)
 
 
-def test_a_topic_without_a_schema_is_named_and_leaves_no_half_bag(tmp_path: Path, kit: Any) -> None:
-    stranger = kit.frame("/cup/mode", kit.Mode(stamp_ns=0, level=2.0), 1, 0)
-    bag, _ = kit.record(tmp_path / "run", [(0, stranger)])
-    with pytest.raises(BagError, match="/cup/mode: without a schema"):
-        convert(bag, tmp_path / "ros", "ros2")
-    assert not (tmp_path / "ros").exists()
-
-
 def test_json_messages_have_lists_and_a_root_that_is_an_object(rich: Path, tmp_path: Path) -> None:
     assert convert(rich, tmp_path / "json", "json") == 3
     with (tmp_path / "json/json_0.mcap").open("rb") as file:

@@ -309,18 +309,6 @@ def test_after_kill_9_no_part_of_a_copy_has_its_name_and_the_next_is_whole(
     assert {path: path.read_bytes() for path in bag.iterdir()} == before
 
 
-def test_an_unclosed_file_reads_to_its_end_and_says_so(tmp_path: Path, bag: Path) -> None:
-    with Bag(bag) as opened:
-        chunks = opened.files[0].chunks
-        kept = [message for place in chunks[:2] for message in opened.files[0].read_chunk(place)]
-    path = tmp_path / "open.mcap"
-    path.write_bytes((bag / "run_0.mcap").read_bytes()[: chunks[2].offset])
-    assert len(list(read(path, ["/torque/block"]))) == len(kept) - 1
-    info = bag_info(path)
-    assert not info.healthy
-    assert "it was not closed" in info.problems[0]
-
-
 def test_a_damaged_chunk_stops_reading_after_what_is_intact(tmp_path: Path, bag: Path) -> None:
     data = bytearray((bag / "run_0.mcap").read_bytes())
     with Bag(bag) as opened:

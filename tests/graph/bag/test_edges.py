@@ -8,7 +8,6 @@ from mcap.writer import Writer
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.edit import rewrite
-from palp_core.graph.bag.forms import convert
 from palp_core.graph.bag.mcap.chunk import compressor, decompress, open_chunk, split_chunk
 from palp_core.graph.bag.mcap.records import (
     Attachment,
@@ -18,7 +17,6 @@ from palp_core.graph.bag.mcap.records import (
     parse_attachment,
     parse_metadata,
 )
-from palp_core.graph.bag.mcap.salvage import salvage
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recover import recover
 from palp_core.graph.messages.schema_types import plain, type_from_schema
@@ -113,19 +111,3 @@ def test_messages_whose_definition_is_gone_are_counted(tmp_path: Path, kit: Any)
     assert report.orphan_count > 100
     assert "messages of unknown topics" in report.text()
     assert report.damaged_chunk_count == 2
-
-
-def test_nothing_is_saved_from_nothing(tmp_path: Path) -> None:
-    empty = tmp_path / "empty.mcap"
-    empty.write_bytes(b"")
-    assert salvage(empty).chunks == []
-    with pytest.raises(BagError, match=r"no message could be saved.*it is empty"):
-        recover(empty, tmp_path / "saved")
-    assert not (tmp_path / "saved").exists()
-    with pytest.raises(BagError, match="no such bag"):
-        recover(tmp_path / "nowhere", tmp_path / "b")
-
-
-def test_ros_2_bags_overwrite_nothing(bag: Path, tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="exists already"):
-        convert(bag, tmp_path, "ros2")

@@ -17,7 +17,7 @@ from palp_core.graph.discovery import run_directory
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, RunDirectory, running
 from palp_core.graph.transport.restart_files import Offsets
 from palp_core.user_folders import runtime_folder
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line, end
+from tests.support.palp import CHAIN, Palp, end, wait_for_error, wait_for_line
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -58,8 +58,7 @@ def test_a_run_whose_folder_is_full_goes_on_through_a_restart_and_says_so(
     launcher.rlimit(psutil.RLIMIT_FSIZE, (1000, 1000))  # its record takes more
     (relay,) = [node for node in running()[0].nodes if node.name == "relay"]
     os.kill(relay.pid, signal.SIGKILL)
-    assert process.stderr is not None
-    said = next(line for line in process.stderr if "The graph continues" in line)
+    said = wait_for_error(process, "The graph continues")
     assert f"{own_runtime}/chain-" in said
     assert "make room on that disk" in said
     palp.printed("topic", "echo", "/relay/amplified", "--once", "--field", "index")

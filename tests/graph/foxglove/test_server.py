@@ -19,6 +19,7 @@ from palp_core.extras import install_line
 from palp_core.graph.discovery.running_graph import RunningGraph
 from tests.graph.foxglove.viewer import viewing
 from tests.support.palp import PATIENCE_S, Palp, own_palp, wait_for_line
+from tests.support.supervised import write_files
 
 NODES = '''
 from palp_core import DiagnosticStatus, Message, Node, Params, Progress, Pub, Qos, Srv, State, Sub
@@ -127,11 +128,8 @@ nodes:
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
-    for name, text in (("nodes/__init__.py", ""), ("nodes/bench.py", NODES)):
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(text, encoding="utf-8")
-    (folder / "bench.yaml").write_text(LAUNCH, encoding="utf-8")
-    (folder / "lockstep.yaml").write_text(LOCKSTEP, encoding="utf-8")
+    files = {"nodes/bench.py": NODES, "bench.yaml": LAUNCH, "lockstep.yaml": LOCKSTEP}
+    write_files(folder, {"nodes/__init__.py": "", **files})
     return folder
 
 

@@ -15,13 +15,14 @@ from palp_core.cli.launch.bars import Bars
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import Trouble, active_diagnostics
+from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.run_journal import Incident
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.topic import topic_of
 from tests.support.palp import Palp
-from tests.support.rig_session import ComposedGraph
+from tests.support.supervised import write_files
 
 TOYS = """
 from palp_core import DiagnosticStatus, Node, Params, Pub, Qos, State, every
@@ -66,17 +67,14 @@ nodes:
 
 @pytest.fixture
 def guarded(tmp_path: Path) -> Path:
-    (tmp_path / "nodes").mkdir()
-    (tmp_path / "nodes" / "guard_toys.py").write_text(TOYS)
-    (tmp_path / "launch").mkdir()
-    path = tmp_path / "launch" / "guarded.yaml"
-    path.write_text(LAUNCH)
-    return path
+    write_files(tmp_path, {"nodes/guard_toys.py": TOYS, "launch/guarded.yaml": LAUNCH})
+    return tmp_path / "launch/guarded.yaml"
 
 
-def test_an_incident_is_told_when_it_begins_and_ends_and_kept(guarded: Path) -> None:
+@pytest.mark.parametrize("clock", ["sim", "wall"])
+def test_an_incident_is_told_when_it_begins_and_ends_and_kept(guarded: Path, clock: str) -> None:
     changes: list[tuple[str, Incident | None]] = []
-    with ComposedGraph(guarded, clock="sim") as graph:
+    with Graph(guarded, clock=clock) as graph:
         graph.journal.on_incident = lambda topic, incident: changes.append((topic, incident))
         summary = graph.run()
     first, last = summary.incidents

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.discovery.logs import LogLine
+from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.log_format import ENDS_NODE
 from tests.support.palp import Palp
-from tests.support.rig_session import ComposedGraph
+from tests.support.supervised import write_files
 
 TOYS = """
 import warnings
@@ -50,12 +51,8 @@ WARNING, ERROR = "[WARNING] [talker]: a warning", "[ERROR] [talker]: an error"
 
 @pytest.fixture
 def talkers(tmp_path: Path) -> Path:
-    for folder in ("nodes", "launch"):
-        (tmp_path / folder).mkdir()
-    (tmp_path / "talker_toys.py").write_text(TOYS)
-    path = tmp_path / "launch" / "talkers.yaml"
-    path.write_text(LAUNCH)
-    return path
+    write_files(tmp_path, {"nodes/__init__.py": "", "talker_toys.py": TOYS, "launch/talkers.yaml": LAUNCH})
+    return tmp_path / "launch/talkers.yaml"
 
 
 @pytest.mark.parametrize("more", [(), ("clock:=sim", "--compose")])
@@ -70,7 +67,7 @@ def test_warnings_and_errors_of_nodes_are_shown(palp: Palp, talkers: Path, more:
 @pytest.mark.parametrize(("log_level", "first"), [("error", 3), ("debug", 0)])
 def test_the_level_says_what_is_shown(talkers: Path, log_level: str, first: int) -> None:
     lines: list[str] = []
-    with ComposedGraph(
+    with Graph(
         talkers, log_level=log_level, show_log=lambda line: lines.append(line.text), clock="sim"
     ) as graph:
         graph.run()

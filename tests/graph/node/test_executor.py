@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palp_core import Alarm, Client, Message, Node, Params, Pub, Srv, State, Sub, Timer, every, on, serve
-from palp_core.errors import GraphError, LifecycleError, NodeError
+from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
@@ -162,18 +162,6 @@ def test_bad_frames_are_counted_and_logged_but_harm_nothing(caplog: pytest.LogCa
     assert drive.node.state.log == ["word 5 of x"]
 
 
-def test_repeats_are_never_handed_out_and_heartbeats_reveal_losses() -> None:
-    drive = Drive(Everything, **WIRED)
-    for sequence in (1, 1, 2, 1, 2):
-        drive.consume("/p/word", Word(n=sequence), sequence)
-    drive.consume("/p/word", Word(n=1, x_m=float("inf")), 3)  # refused: a gap to the next one
-    drive.consume("/p/word", Word(n=4), 4)
-    drive.consume("/p/word", Word(n=0), 7, kind=Kind.HEARTBEAT)
-    assert drive.node.state.log == ["word 1 of x", "word 2 of x", "word 4 of x"]
-    counter = drive.executor.ends.accounts["/p/word"]
-    assert (counter.received, counter.repeated, counter.lost) == (3, 3, 4)
-
-
 def test_a_handler_that_raises_names_itself_and_brings_the_node_to_its_safe_state() -> None:
     drive = Drive(Everything, **WIRED)
     with pytest.raises(
@@ -322,18 +310,6 @@ def test_a_node_says_when_its_work_is_done() -> None:
     drive = Drive(type("Done", (Node,), {"on_activate": lambda node: node.finish(np.int64(3))}))
     assert drive.executor.exit_code == 3
     assert type(drive.executor.exit_code) is int
-
-
-def test_messages_wait_in_the_inbox_of_a_node_that_is_not_active() -> None:
-    drive = Drive(Everything, active=False, **WIRED)
-    for n in (1, 2):
-        drive.consume("/p/word", Word(n=n), n)
-    drive.executor.transition(Transition.ACTIVATE)
-    while drive.executor.inbox:
-        drive.executor.consume(drive.executor.inbox.popleft())
-    assert drive.node.state.log == ["word 1 of x", "word 2 of x"]
-    with pytest.raises(LifecycleError):
-        drive.executor.transition(Transition.CONFIGURE)
 
 
 class ArrayState(State):

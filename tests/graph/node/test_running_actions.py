@@ -16,7 +16,7 @@ from palp_core.graph.description.node_class import NodeClassRequest, inspect_cla
 from palp_core.graph.problems import GraphProblems
 from palp_core.graph.swap.compatibility import incompatibilities
 from tests.cli.test_commands import promises
-from tests.support.palp import ROOT, Palp, finished
+from tests.support.palp import ROOT, Palp, finished, wait_for_error
 from tests.support.rig_session import check_here
 from tests.support.supervised import Running
 
@@ -151,15 +151,6 @@ def test_a_successor_that_tears_an_action_is_refused_in_one_sentence(
     assert all(word in text for word, text in zip(words, found, strict=True)), found
 
 
-def printed(process: subprocess.Popen[str], words: str) -> str:
-    """Wait for a line of a command's standard error."""
-    assert process.stderr is not None
-    for line in process.stderr:
-        if words in line:
-            return line
-    raise AssertionError(f"ended without '{words}'")
-
-
 def test_goals_from_the_shell_and_of_a_server_that_falls_silent_or_is_killed(palp: Palp, carry: Path) -> None:
     """The arm is on its way for minutes; what becomes of its goals is seen from outside."""
     change(carry, "[0.1, 0.0, 0.2]", "[1.0]")
@@ -167,11 +158,11 @@ def test_goals_from_the_shell_and_of_a_server_that_falls_silent_or_is_killed(pal
     begins = "None:\n        self.send_on()\n"
     change(carry.parents[1] / "nodes/carrier.py", begins, f'{begins}        self.log.warning("begun")\n')
     process = palp.start("launch", carry, "clock:=wall")
-    printed(process, "begun")
+    wait_for_error(process, "begun")
     running = Running(palp)
     running.wait_for_epoch("arm", "/arm/move/_action/feedback", 0)
     queued = palp.start("action", "send_goal", "/arm/move", "{to_m: 0.1}", "--json")
-    assert "goal accepted with ID: palp-" in printed(queued, "goal accepted")
+    assert "goal accepted with ID: palp-" in wait_for_error(queued, "goal accepted")
     queued.send_signal(signal.SIGINT)
     status, output = finished(queued)
     assert status == 1
@@ -192,13 +183,13 @@ def test_goals_from_the_shell_and_of_a_server_that_falls_silent_or_is_killed(pal
     answer = json.loads(palp.run("action", "cancel", "/arm/move", "--json").stdout)
     assert answer.keys() >= set(promised["action cancel"][1])
     assert answer["goal_ids"] == ["carrier.move-0-1"]
-    assert "is canceled: it was asked to" in printed(process, "is canceled")
+    assert "is canceled: it was asked to" in wait_for_error(process, "is canceled")
     hidden = palp.run("topic", "list", "--include-hidden-topics").stdout.split()
     assert {"/arm/move/_action/feedback", "/arm/move/_action/status"} < set(hidden)
     assert not any("_action" in name for name in palp.run("topic", "list").stdout.split())
 
     running.process("arm").suspend()
-    assert "is unknown: its server is silent for 5000 ms" in printed(process, "is unknown")
+    assert "is unknown: its server is silent for 5000 ms" in wait_for_error(process, "is unknown")
     running.process("arm").resume()
 
     statuses: set[str] = set()
@@ -208,7 +199,7 @@ def test_goals_from_the_shell_and_of_a_server_that_falls_silent_or_is_killed(pal
         statuses = {goal["status"] for goal in goals}
     running.wait_for_epoch("arm", "/arm/move/_action/feedback", 0)
     running.process("arm").kill()
-    assert "is aborted: its server was restarted and has forgotten it" in printed(process, "is aborted")
+    assert "is aborted: its server was restarted and has forgotten it" in wait_for_error(process, "is aborted")
     running.wait_for_epoch("arm", "/arm/move/_action/feedback", 1)
     (goal,) = json.loads(palp.run("action", "info", "/arm/move", "--json").stdout)["goals"]
     assert goal["status"] == "executing"

@@ -21,7 +21,7 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_error, wait_for_line
 from tests.support.rig_session import check_here
 
 COUNT = 60
@@ -76,12 +76,9 @@ def payloads(bag: Path, topic: str) -> list[bytes]:
 
 def begun(process: subprocess.Popen[str], palp: Palp) -> RunRecord:
     """Wait until the player says that it plays; return where."""
-    assert process.stderr is not None
-    for line in process.stderr:
-        if "as graph 'play'" in line:
-            (file,) = palp.runtime_dir.glob("palp/play-*/graph.json")
-            return msgspec.json.decode(file.read_bytes(), type=RunRecord)
-    raise AssertionError(f"ended with status {process.wait()}")
+    wait_for_error(process, "as graph 'play'")
+    (file,) = palp.runtime_dir.glob("palp/play-*/graph.json")
+    return msgspec.json.decode(file.read_bytes(), type=RunRecord)
 
 
 @contextlib.contextmanager

@@ -11,6 +11,9 @@ from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.supervision import class_inspection
 from palp_core.graph.supervision.fork_server import ForkServer
 from tests.graph.description.test_hostile_files import ENDINGS, GUEST
+from tests.support.supervised import write_files
+
+FINE = {"nodes/__init__.py": "", "nodes/fine.py": GUEST}
 
 
 @pytest.fixture(scope="module")
@@ -24,16 +27,13 @@ def server() -> Iterator[ForkServer]:
 def test_a_module_that_ends_its_process_is_named_and_the_others_are_looked_at(
     server: ForkServer, tmp_path: Path, name: str
 ) -> None:
-    folder, (statement, words) = tmp_path / "nodes", ENDINGS[name]
-    folder.mkdir()
-    (folder / "__init__.py").touch()
-    (folder / "odd.py").write_text(f"{statement}\n{GUEST}")
-    (folder / "fine.py").write_text(GUEST)
+    statement, words = ENDINGS[name]
+    write_files(tmp_path, FINE | {"nodes/odd.py": f"{statement}\n{GUEST}"})
     runs = ("nodes.fine:Odd", "nodes.odd:Odd", "nodes.fine:Odd", "nodes.odd:Odd")
     found = server.inspect_classes([NodeClassRequest(run) for run in runs], tmp_path)
     assert [answer.run for answer in found] == list(runs)
     errors = [answer.error for answer in found]
-    assert errors == [None, words.format(module=folder / "odd.py")] * 2
+    assert errors == [None, words.format(module=tmp_path / "nodes/odd.py")] * 2
 
 
 LOOPS = {
@@ -69,11 +69,8 @@ def test_a_module_whose_import_has_no_end_is_named_and_its_process_killed(
     server: ForkServer, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(class_inspection, "IMPORT_TIMEOUT_S", 1.0)
-    folder, (statement, words) = tmp_path / "nodes", LOOPS[name]
-    folder.mkdir()
-    (folder / "__init__.py").touch()
-    (folder / "odd.py").write_text(f"{statement}\n{GUEST}")
-    (folder / "fine.py").write_text(GUEST)
+    statement, words = LOOPS[name]
+    write_files(tmp_path, FINE | {"nodes/odd.py": f"{statement}\n{GUEST}"})
     requests = [NodeClassRequest("nodes.odd:Odd"), NodeClassRequest("nodes.fine:Odd")]
     found = server.inspect_classes(requests, tmp_path)
     first, second = (answer.error or "" for answer in found)

@@ -10,7 +10,7 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.swap.swap import STEPS
-from tests.support.palp import PATIENCE_S, Palp
+from tests.support.palp import PATIENCE_S, Palp, end
 from tests.support.stage import SLOW, Stage
 
 LONG = {"run_count": 1_000_000, "longest_s": 240.0}
@@ -139,15 +139,6 @@ def test_a_handler_that_does_not_return_is_given_up(stage: Stage) -> None:
     assert stage.judgement()[1:] == ("", ["Relay", "Novice", "Relay"])
 
 
-@pytest.mark.nightly
-def test_the_launchers_death_ends_everything(palp: Palp, own_stage: Stage) -> None:
-    stage = own_stage
-    with pytest.raises(GraphError, match="did not answer"):
-        _swap(stage, "Novice", deed="kill_other", pid=stage.launcher.pid, after=5)
-    assert stage.launcher.wait() == -signal.SIGKILL
-    assert palp.all_gone()
-
-
 def test_the_command_tells_by_its_exit_status(stage: Stage) -> None:
     palp = stage.palp
     words = ("relay", "swap_toys:Novice", "deed:=raise", "after:=5", "--probation", "60s", "--timeout", "100")
@@ -169,8 +160,7 @@ def test_a_record_replays_through_a_probation_that_failed(palp: Palp, launch: Pa
     assert _swap(stage, "Novice", deed="raise", after=100)["failed"]["step"] == "probation"
     assert "report" in stage.swap("Relay", gain=3)
     stage.passes(20)
-    stage.launcher.send_signal(signal.SIGINT)
-    _, errors = stage.launcher.communicate(timeout=PATIENCE_S)
+    end(stage.launcher)
     done = palp.printed(
         "bag", "replay", tmp_path / "bag", "--nodes", "relay", "--launch", launch, "--compare", "--json"
     )

@@ -14,7 +14,7 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.swap.swap import SwapReport, SwapRequest
 from tests.support.palp import PATIENCE_S, Palp, wait_for_line
 from tests.support.rig_session import ComposedGraph
-from tests.support.supervised import Running
+from tests.support.supervised import Running, write_files
 
 NODES = """
 from palp_core import Message, Node, Params, Progress, Pub, State, Sub, every, on
@@ -93,10 +93,8 @@ nodes:
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
-    (tmp_path / "nodes").mkdir()
-    (tmp_path / "vacant_toys.py").write_text(NODES)
-    for clock in ("sim", "wall"):
-        (tmp_path / f"{clock}.yaml").write_text(LAUNCH.format(clock=clock))
+    graphs = {f"{clock}.yaml": LAUNCH.format(clock=clock) for clock in ("sim", "wall")}
+    write_files(tmp_path, {"nodes/__init__.py": "", "vacant_toys.py": NODES, **graphs})
     return tmp_path
 
 

@@ -30,6 +30,7 @@ from palp_core.graph.transport.backpressure import REPORT_NS
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.receiver import TopicReceiver
 from tests.support.palp import Palp
+from tests.support.supervised import write_files
 
 DEPTH = 8
 SLICE_NS = 1_000_000_000
@@ -414,9 +415,5 @@ nodes:
 
 
 def test_a_flood_on_keep_all_loses_nothing_and_its_sender_waits(palp: Palp, tmp_path: Path) -> None:
-    for name, text in (("nodes/flood.py", FLOOD), ("launch/flood.yaml", EDGE)):
-        file = tmp_path / name
-        file.parent.mkdir()
-        file.write_text(text, encoding="utf-8")
-    done = palp.run("launch", file)
-    assert done.returncode == 0, done.stderr
+    write_files(tmp_path, {"nodes/flood.py": FLOOD, "launch/flood.yaml": EDGE})
+    palp.printed("launch", tmp_path / "launch/flood.yaml")
