@@ -264,3 +264,12 @@ def joining(home: Host, graph: Launched, *arguments: object) -> list[object]:
     """Return how a node of another host is run so that it joins."""
     key = home.keys.path / "home.public"
     return ["run", *arguments, "--join", graph.address, "--server-key", key]
+
+
+def keeping(
+    home: Host, graph: Launched, away: Host, name: str, topic: str = "/ticker/tick"
+) -> tuple[NoteBook, subprocess.Popen[str]]:
+    """Start a node away that writes down what it reads; return where, and its command."""
+    book = away.book()
+    wires = ("-r", f"tick:={topic}", "-p", f"notes:={book.path}")
+    return book, away.start(*joining(home, graph, "nodes.toys:Keeper", "--name", name, *wires))

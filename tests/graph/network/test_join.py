@@ -13,11 +13,8 @@ from typing import Any
 import psutil
 import pytest
 
-from palp_core.graph.messages.builtin import GraphEvent
-from palp_core.graph.messages.frame import parse
-from palp_core.graph.messages.message import decode
 from palp_core.graph.network.join_protocol import PROTOCOL
-from tests.support.hosts import LAUNCH, Host, Launched, NoteBook, Raw, joining, own_host, trusting
+from tests.support.hosts import LAUNCH, Host, Launched, NoteBook, Raw, joining, keeping, own_host, trusting
 from tests.support.palp import PATIENCE_S, finished
 
 
@@ -71,14 +68,6 @@ def lone_away(lone_home: Host) -> Iterator[Host]:
         yield host
 
 
-def keeper(
-    home: Host, graph: Launched, name: str, book: NoteBook, topic: str = "/ticker/tick"
-) -> list[object]:
-    """A node away that writes down what it reads."""
-    wires = ("-r", f"tick:={topic}", "-p", f"notes:={book.path}")
-    return joining(home, graph, "nodes.toys:Keeper", "--name", name, *wires)
-
-
 def node_process(host: Host, parent: str) -> psutil.Process:
     """The process of the node itself: a child of the fork server."""
     (found,) = (child for process in host.running(parent) for child in process.children())
@@ -88,8 +77,7 @@ def node_process(host: Host, parent: str) -> psutil.Process:
 def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_as_any_other_until_ctrl_c(
     home: Host, graph: Launched, away: Host
 ) -> None:
-    book = away.book()
-    guest = away.start(*keeper(home, graph, "guest", book))
+    book, guest = keeping(home, graph, away, "guest")
     graph.until_printed("/guest has joined")
     ticks = [book.until("tick") for _ in range(100)]
     indices = [int(tick[1]) for tick in ticks]
@@ -109,10 +97,7 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
     assert does["pid"] == 0
     assert does["memory_bytes"] > 0
     assert [edge["topic"] for edge in does["edges"]] == ["/ticker/tick"]
-    history = graph.ask("graph", op="history", topic="/graph/events", first=1, last=1000)
-    events = [decode(GraphEvent, parse(frame).payload) for frame in history["frames"]]
-    (joined,) = [event for event in events if (event.kind, event.node) == ("joined", "guest")]
-    assert json.loads(joined.data)["address"] == "127.0.0.1"
+    assert json.loads(graph.wait_for("joined", "guest").data)["address"] == "127.0.0.1"
 
     guest.send_signal(signal.SIGINT)
     status, said = finished(guest)
@@ -129,11 +114,10 @@ def test_a_node_of_another_host_reads_all_on_the_graphs_clock_and_tools_use_it_a
 def test_two_guests_hear_each_other_and_large_messages_cross_whole(
     home: Host, graph: Launched, away: Host
 ) -> None:
-    book = away.book()
     large = ("-p", "size:=300000", "-p", "rate_hz:=20.0")
     away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "drummer", *large))
     graph.until_printed("/drummer has joined")
-    away.start(*keeper(home, graph, "second", book, "/drummer/tick"))
+    book, _ = keeping(home, graph, away, "second", "/drummer/tick")
     indices = [int(book.until("tick")[1]) for _ in range(20)]
     assert indices == list(range(indices[0], indices[0] + 20))
 
@@ -181,8 +165,7 @@ def test_a_guest_that_is_killed_leaves_and_the_next_of_its_name_is_another_to_it
 def test_when_the_gateway_dies_the_guest_is_safe_the_graph_goes_on_and_can_be_joined_again(
     home: Host, graph: Launched, away: Host
 ) -> None:
-    book = away.book()
-    guest = away.start(*keeper(home, graph, "bereft", book))
+    book, guest = keeping(home, graph, away, "bereft")
     book.until("tick")
     graph.gateway().kill()
     status, said = finished(guest)
@@ -216,8 +199,7 @@ def end_of_join(graph: Launched, away: Host, end: str) -> psutil.Process:
 def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
     home: Host, graph: Launched, away: Host, part: str
 ) -> None:
-    book = away.book()
-    guest = away.start(*keeper(home, graph, "nodding", book))
+    book, guest = keeping(home, graph, away, "nodding")
     first = int(book.until("tick")[1])
     stopped = end_of_join(graph, away, part)
     stopped.suspend()
@@ -233,8 +215,7 @@ def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
 def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
     home: Host, graph: Launched, away: Host, seconds: int
 ) -> None:
-    book = away.book()
-    guest = away.start(*keeper(home, graph, "asleep", book))
+    book, guest = keeping(home, graph, away, "asleep")
     first = int(book.until("tick")[1])
     stopped = end_of_join(graph, away, "node")
     stopped.suspend()
@@ -264,8 +245,7 @@ def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
 def test_both_ends_of_a_join_know_of_one_that_slept_and_the_guest_is_safe(
     home: Host, graph: Launched, away: Host, end: str, seconds: int
 ) -> None:
-    book = away.book()
-    guest = away.start(*keeper(home, graph, "sleeper", book))
+    book, guest = keeping(home, graph, away, "sleeper")
     book.until("tick")
     slept = [end_of_join(graph, away, "run" if end == "host" else end)]
     slept += slept[0].children(recursive=True) if end == "host" else []
@@ -290,8 +270,8 @@ def test_when_the_graph_ends_nothing_remains_and_its_guest_is_safe(
     lone_home: Host, lone_away: Host, number: signal.Signals
 ) -> None:
     lone_home.file.write_text(lone_home.file.read_text() + "listen: tcp://127.0.0.1:0\n")
-    graph, book = lone_home.launch(listen=""), lone_away.book()  # the launch file says where
-    guest = lone_away.start(*keeper(lone_home, graph, "guest", book))
+    graph = lone_home.launch(listen="")  # the launch file says where
+    book, guest = keeping(lone_home, graph, lone_away, "guest")
     book.until("tick")
     graph.launcher.send_signal(number)
     assert graph.launcher.wait(PATIENCE_S) == (-number if number == signal.SIGKILL else 128 + number)

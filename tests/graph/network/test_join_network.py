@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.support.hosts import Host, Launched, joining, own_host
+from tests.support.hosts import Host, Launched, joining, keeping, own_host
 from tests.support.palp import finished
 
 
@@ -107,9 +107,7 @@ def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
     cable: Cable, home: Host, graph: Launched, away: Host
 ) -> None:
     home.keys.allow(str(away.keys.path / "away.public"), "away")
-    book = away.book()
-    wires = ("-r", "tick:=/ticker/tick", "-p", f"notes:={book.path}")
-    guest = away.start(*joining(home, graph, "nodes.toys:Keeper", "--name", "guest", *wires))
+    book, guest = keeping(home, graph, away, "guest")
     ticks = [int(book.until("tick")[1]) for _ in range(50)]
     assert ticks == list(range(ticks[0], ticks[0] + 50))
     assert json.loads(graph.wait_for("joined", "guest").data)["address"] == cable.away_address
