@@ -20,15 +20,13 @@ import pytest
 import zmq
 
 from palp_core import Message, Node, Params, Pub, Qos, Srv, Sub, on, serve
-from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import pack
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.gateway import Gateway
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.lifecycle import Lifecycle, Transition
+from palp_core.graph.node.lifecycle import Lifecycle
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.supervision.launcher_node import LauncherNode
@@ -36,11 +34,12 @@ from palp_core.graph.swap.swap import AskToSwap
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.request_server import REMEMBERED_BYTES
 from tests.support.attack import Stranger
+from tests.support.drive import Drive
 
 GROWTH_BYTES = 48 << 20
 NODE: dict[str, dict[str, Any]] = {
     "info": {"window": 5},
-    "history": {"topic": "/n/told", "first": 1, "last": 9},
+    "history": {"topic": "/n/declared", "first": 1, "last": 9},
     "schemas": {},
     "get_parameters": {},
     "describe_parameters": {},
@@ -64,7 +63,7 @@ WORDS: dict[str, dict[str, Any]] = {
     "hello": {"protocol": join_protocol.PROTOCOL},
     "join": {"request": {**GUEST, "outputs": {}, "inputs": {}, "reads_truth": False}},
     "clock": {"sent_ns": 5, "gateway_ns": 0},
-    "subscribe": {"topic": "/n/told", "wanted": True},
+    "subscribe": {"topic": "/n/declared", "wanted": True},
     "reply": {"envelope": [b"n", b"1"], "body": b"\x80"},
     "beat": {},
     "health": {"health": b"\x80"},
@@ -74,7 +73,10 @@ WORDS: dict[str, dict[str, Any]] = {
 
 
 HELLO = msgpack.packb({"op": "hello", **WORDS["hello"]})
-TOLD = dict.fromkeys(("node", "port", "type", "type_hash", "ros_text"), "0") | {"json_schema": {}, "qos": {}}
+DECLARED: dict[str, Any] = dict.fromkeys(("node", "port", "type", "type_hash", "ros_text"), "0") | {
+    "json_schema": {},
+    "qos": {},
+}
 
 
 class Number(Message):
@@ -144,10 +146,7 @@ def attack(attacked: Attacked, operations: Mapping[str, Mapping[str, Any]], coun
 
 def clerk(sockets: NodeSockets) -> Executor:
     """Return an active node that is asked there."""
-    spec = NodeSpec(name="n", run="m:N", inputs={"hint": "/n/hint"}, external=["hint"])
-    executor = Executor(Clerk, spec, SimClock(), lambda _: None)
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
+    executor = Drive(Clerk, inputs={"hint": "/n/hint"}, external=["hint"]).executor
     sockets.requests.add("n", NodeServices(executor).operations(), CHANGING)
     return executor
 
@@ -277,7 +276,7 @@ def door(tmp_path: Path) -> Iterator[Door]:
 
 
 def _frame(rng: random.Random, payload: bytes) -> bytes:
-    topic = rng.choice((b"/guest/x", b"/n/told", b"/graph/events", b"/" * 300, b"/guest/\xff"))
+    topic = rng.choice((b"/guest/x", b"/n/declared", b"/graph/events", b"/" * 300, b"/guest/\xff"))
     words = rng.choice((0, 1, 2, 3, 77)), rng.choice((0, 1, 2**32 - 1)), rng.choice((0, 1, 2**53, 2**64 - 1))
     return pack(topic, words[0], words[1], words[2], rng.choice((0, -(2**63))), 7, payload)
 
@@ -350,7 +349,7 @@ def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None
         (b"\x81\xa2op", "not a message of this protocol"),
         (msgpack.packb({"op": "hello", "protocol": 99}), f"{join_protocol.PROTOCOL} of joining, not 99"),
         (
-            msgpack.packb({"op": "join", "request": {**GUEST, "outputs": {"/n/told": TOLD}}}),
+            msgpack.packb({"op": "join", "request": {**GUEST, "outputs": {"/n/declared": DECLARED}}}),
             "under its own name only",
         ),
     ],

@@ -14,16 +14,14 @@ from palp_core import Message
 from palp_core.errors import BagError, NodeError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.rounds import Rounds
-from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.replay.player import Player, playable, recorded_class, span_ns
 from tests.graph.bag.test_reader import LAYOUTS
 from tests.support.bags import Block, foreign_bag
+from tests.support.drive import Drive
 
 ROOT = Path(__file__).parents[3]
 
@@ -44,22 +42,23 @@ def described(kind: type[Message], type_hash: str | None = None) -> Topic:
     return Topic(name="/a/b", type=schema.name, type_hash=wanted, json_schema=schema.json_schema)
 
 
-def drive(spec: NodeSpec) -> list[tuple[int, Any]]:
+def player_of(bag: Path, name: str = "torque", **params: float) -> Drive:
+    return Drive(Player, name=name, run="", params={"bag": str(bag), **params})
+
+
+def drive(bag: Path, name: str = "torque", **params: float) -> list[tuple[int, Any]]:
     """Run a player through its time; return when it sent which frame."""
-    clock, frames, sent = SimClock(), [], []  # type: ignore[var-annotated]
-    executor = Executor(Player, spec, clock, frames.append)
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
+    player, sent = player_of(bag, name, **params), list[tuple[int, Any]]()
     for _ in range(100_000):
-        sent += [(clock.now_ns(), parse(raw)) for raw in frames if b"/_" not in raw[:60]]
-        frames.clear()
-        due_ns = executor.next_due_ns()
+        sent += [(player.clock.now_ns(), parse(raw)) for raw in player.frames if b"/_" not in raw[:60]]
+        player.frames.clear()
+        due_ns = player.executor.next_due_ns()
         if due_ns is None:
             break
-        clock.set(max(due_ns, clock.now_ns()))
-        executor.run_timers()
-    assert executor.exit_code == 0
-    executor.transition(Transition.SHUTDOWN)
+        player.clock.set(max(due_ns, player.clock.now_ns()))
+        player.executor.run_timers()
+    assert player.executor.exit_code == 0
+    player.executor.transition(Transition.SHUTDOWN)
     return sent
 
 
@@ -82,7 +81,7 @@ def test_a_schema_that_is_not_the_recorded_types_is_refused(kit: Any) -> None:
 
 
 def test_a_player_sends_the_recorded_bytes_at_the_recorded_times(bag: Path) -> None:
-    sent = drive(NodeSpec(name="torque", run="", params={"bag": str(bag)}))
+    sent = drive(bag)
     with Bag(bag) as opened:
         recorded = list(opened.recorded(["/torque/block"]))
     assert [now_ns for now_ns, _ in sent] == [message.log_ns for message in recorded]
@@ -93,12 +92,8 @@ def test_a_player_sends_the_recorded_bytes_at_the_recorded_times(bag: Path) -> N
 
 
 def test_a_player_waits_for_room_before_each_message_that_a_reader_of_everything_needs(bag: Path) -> None:
-    clock, frames = SimClock(), list[bytes]()
-    executor = Executor(
-        Player, NodeSpec(name="torque", run="", params={"bag": str(bag)}), clock, frames.append
-    )
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
+    player = player_of(bag)
+    executor = player.executor
     out = executor.ends.publishers["/torque/block"]
     published, waits = out.sequence, list[int]()
 
@@ -107,7 +102,7 @@ def test_a_player_waits_for_room_before_each_message_that_a_reader_of_everything
         out.room += 1
 
     out.room, out.wait_for_room = published, make_room
-    clock.set(20_000_000)
+    player.clock.set(20_000_000)
     for _ in range(20):
         executor.run_timers()
     assert out.sequence > published + 10
@@ -116,9 +111,7 @@ def test_a_player_waits_for_room_before_each_message_that_a_reader_of_everything
 
 
 def test_a_player_counts_from_the_first_message_of_the_whole_bag(bag: Path) -> None:
-    sent = drive(
-        NodeSpec(name="policy", run="", params={"bag": str(bag), "rate": 0.5, "start_offset_s": 0.05})
-    )
+    sent = drive(bag, "policy", rate=0.5, start_offset_s=0.05)
     assert [now_ns for now_ns, _ in sent] == [100_000_000]  # the mode at 100 ms, half as fast, 50 ms left out
 
 
@@ -131,24 +124,19 @@ def test_a_player_offers_latched_topics_as_latched_and_only_nodes_of_the_bag(bag
 
 
 def test_a_player_that_takes_over_goes_on_where_the_other_was(bag: Path) -> None:
-    spec = NodeSpec(name="torque", run="", params={"bag": str(bag)})
-    clock, frames = SimClock(), []  # type: ignore[var-annotated]
-    executor = Executor(Player, spec, clock, frames.append)
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
-    clock.set(20_000_000)
+    player = player_of(bag)
+    player.clock.set(20_000_000)
     for _ in range(20):
-        executor.run_timers()
-    follower = Executor(Player, spec, clock, frames.append)
-    follower.transition(Transition.CONFIGURE)
-    follower.take_over(executor.hand_over())
-    clock.set(40_000_000)
+        player.executor.run_timers()
+    follower = player.configured(Player)
+    follower.take_over(player.executor.hand_over())
+    player.clock.set(40_000_000)
     for _ in range(40):
         follower.run_timers()
-    sequences = [frame.sequence for frame in map(parse, frames) if frame.topic == "/torque/block"]
+    sequences = [frame.sequence for frame in map(parse, player.frames) if frame.topic == "/torque/block"]
     assert sequences == list(range(1, 42))
     follower.transition(Transition.SHUTDOWN)
-    executor.transition(Transition.SHUTDOWN)
+    player.executor.transition(Transition.SHUTDOWN)
 
 
 def test_what_can_be_played_is_what_nodes_published(kit: Any, tmp_path: Path) -> None:
@@ -180,7 +168,7 @@ def test_a_bag_of_any_layout_plays_to_its_last_message(layout: str, tmp_path: Pa
     found = [("/n/a", 1, i + 1, i * 1_000_000) for i in range(50)]
     options: dict[str, Any] = {"notes": {"latched_depth": "9999999"}, "chunk_size": 200, **LAYOUTS[layout]}
     path = foreign_bag(tmp_path / "other.mcap", found, "msgpack", **options)
-    sent = drive(NodeSpec(name="n", run="", params={"bag": str(path)}))
+    sent = drive(path, "n")
     assert [(now_ns, bytes(frame.payload)) for now_ns, frame in sent] == [
         (log_ns, b"\x80") for *_, log_ns in found
     ]
@@ -199,14 +187,11 @@ def test_what_cannot_be_played_is_refused_without_a_trace(
     with Bag(bag) as opened:
         data[opened.files[0].chunks[3].offset + 90] ^= 1
     file.write_bytes(data)
-    clock, spec = SimClock(), NodeSpec(name="torque", run="", params={"bag": str(bag)})
-    executor = Executor(Player, spec, clock, lambda _: None)
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
-    clock.set(1_000_000_000)
+    player = player_of(bag)
+    player.clock.set(1_000_000_000)
     with pytest.raises(NodeError, match="a chunk is damaged"):
-        executor.run_timers()
-    executor.node.on_shutdown()
+        player.executor.run_timers()
+    player.node.on_shutdown()
     assert [record.exc_info for record in caplog.records if "is damaged" in record.getMessage()] == [None]
 
 
@@ -229,5 +214,5 @@ def test_a_bag_that_was_begun_later_counts_from_its_first_message(kit: Any, tmp_
         (tmp_path / "soon", kit.run_frames(3)[2:], 1),
     ):
         kit.record(folder, wanted)
-        sent = drive(NodeSpec(name="torque", run="", params={"bag": str(folder)}))
+        sent = drive(folder)
         assert sent[0][0] == first_ns * 1_000_000

@@ -12,7 +12,7 @@ import zmq
 
 from palp_core import Message, Node, Pub, Qos, QosEvent, State, Sub, on, on_event
 from palp_core.errors import PublishTimeout
-from palp_core.graph.clock import SimClock, WallClock, monotonic_ns
+from palp_core.graph.clock import WallClock, monotonic_ns
 from palp_core.graph.messages.frame import LAST_SEQUENCE, Kind, pack
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
@@ -29,6 +29,7 @@ from palp_core.graph.transport.acks import (
 from palp_core.graph.transport.backpressure import REPORT_NS
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.receiver import TopicReceiver
+from tests.support.drive import Drive
 from tests.support.palp import Palp
 from tests.support.supervised import write_files
 
@@ -295,11 +296,7 @@ def test_a_publisher_without_a_handler_says_it_in_its_log_and_on_its_events(
 
 
 def test_in_simulated_time_nobody_waits() -> None:
-    frames: list[bytes] = []
-    executor = Executor(Generous, NodeSpec(name="p", run="m:P"), SimClock(), frames.append)
-    executor.transition(Transition.CONFIGURE)
-    executor.transition(Transition.ACTIVATE)
-    out: Any = executor.ends.publishers["/p/word"]
+    out: Any = Drive(Generous, name="p").executor.ends.publishers["/p/word"]
     for n in range(3 * DEPTH):
         out.publish(Word(n=n))
     assert out.sequence == 3 * DEPTH
