@@ -42,13 +42,6 @@ def away(graph: Launched) -> Iterator[Host]:
     graph.until(lambda: not graph.guests)
 
 
-@pytest.fixture(scope="module")
-def open_graph() -> Iterator[Launched]:
-    """A graph without keys."""
-    with own_host() as host:
-        yield host.launch()
-
-
 @pytest.fixture
 def lone_host() -> Iterator[Host]:
     """A host where nothing runs."""
@@ -121,14 +114,6 @@ def test_an_address_that_is_taken_is_said_before_any_node_starts(lone_host: Host
     assert done.returncode == 2
     assert "Address already in use" in done.stderr
     assert not list(lone_host.runtime_dir.glob("palp/*"))
-
-
-def test_on_loopback_without_keys_there_is_a_warning_and_joining_needs_none(
-    open_graph: Launched, lone_host: Host
-) -> None:
-    open_graph.until_printed("without keys: every user of this host can join")
-    lone_host.start("run", "nodes.toys:Ticker", "--name", "guest", "--join", open_graph.address)
-    open_graph.until_printed("/guest has joined")
 
 
 def test_the_secret_is_seen_nowhere(home: Host, graph: Launched, away: Host) -> None:
