@@ -1,7 +1,6 @@
 """A workspace whose reader is killed and robbed, and which takes commands."""
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -297,10 +296,10 @@ class Post:
         files = {"launch/office.yaml": OFFICE, "launch/calls.yaml": CALLS}
         write_files(folder, {"nodes/__init__.py": "", "nodes/post.py": POST, **files})
 
-    def deliver(self, source: str, deed: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    def deliver(self, source: str, deed: str, *arguments: str) -> None:
         """Run the source and its reader to the end."""
         write_files(self.folder, {"launch/letters.yaml": LETTERS.replace("FROM", source)})
-        return self.palp.here(
+        self.palp.printed(
             "launch", self.folder / "launch/letters.yaml", f"deed:={deed}", f"out:={self.out}", *arguments
         )
 

@@ -15,7 +15,7 @@ import pytest
 
 from palp_core.graph.network.join_protocol import PROTOCOL
 from tests.support.hosts import LAUNCH, Host, Launched, NoteBook, Raw, joining, keeping, own_host, trusting
-from tests.support.palp import PATIENCE_S, finished
+from tests.support.palp import PATIENCE_S, end, finished
 
 
 @pytest.fixture(scope="module")
@@ -206,8 +206,7 @@ def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
     lasting(home, 1)
     stopped.resume()
     assert [int(book.until("tick")[1]) for _ in range(200)] == list(range(first + 1, first + 201))
-    guest.send_signal(signal.SIGINT)
-    assert finished(guest)[0] == 130
+    end(guest)
     graph.until_printed("/nodding has left")
 
 
@@ -292,8 +291,7 @@ def test_a_node_runs_alone_and_takes_messages_from_outside(lone_home: Host) -> N
     (entry,) = graph.record["nodes"]
     assert psutil.pid_exists(entry["pid"])
     assert "/keeper/tick" in lone_home.run("topic", "list").stdout
-    alone.send_signal(signal.SIGINT)
-    assert finished(alone)[0] == 130
+    end(alone)
     book.until("safe")
     assert lone_home.all_gone()
 

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import signal
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -51,8 +50,7 @@ def test_the_page_shows_the_example_as_it_is() -> None:
 
 def test_processes_and_composition_say_the_same_and_every_node_replays(palp: Palp, tmp_path: Path) -> None:
     palp.printed("launch", CARRY, "--digest", tmp_path / "processes.json", "--record", tmp_path / "bag")
-    composed = palp.run("launch", CARRY, "--compose", "--digest", tmp_path / "composed.json")
-    assert composed.returncode == 0, composed.stderr
+    palp.printed("launch", CARRY, "--compose", "--digest", tmp_path / "composed.json")
     assert (tmp_path / "processes.json").read_bytes() == (tmp_path / "composed.json").read_bytes()
     with Bag(tmp_path / "bag") as bag:
         assert {"/arm/move/_action/feedback", "/arm/move/_action/status"} < set(bag.topics())
@@ -199,7 +197,9 @@ def test_goals_from_the_shell_and_of_a_server_that_falls_silent_or_is_killed(pal
         statuses = {goal["status"] for goal in goals}
     running.wait_for_epoch("arm", "/arm/move/_action/feedback", 0)
     running.process("arm").kill()
-    assert "is aborted: its server was restarted and has forgotten it" in wait_for_error(process, "is aborted")
+    assert "is aborted: its server was restarted and has forgotten it" in wait_for_error(
+        process, "is aborted"
+    )
     running.wait_for_epoch("arm", "/arm/move/_action/feedback", 1)
     (goal,) = json.loads(palp.run("action", "info", "/arm/move", "--json").stdout)["goals"]
     assert goal["status"] == "executing"

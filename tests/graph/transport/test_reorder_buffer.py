@@ -1,14 +1,16 @@
 """An edge on the wall clock under loss, disorder, repetition, restarts and silence."""
 
+from pathlib import Path
 from typing import Literal
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from palp_core.graph.messages.frame import Frame, Kind, pack_former
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.reorder_buffer import FILL_NS, SUCCESSOR_NS, ReorderBuffer
-from pathlib import Path
 from tests.support.palp import Palp
 from tests.support.post import Post
 
@@ -269,8 +271,7 @@ def post(palp: Palp, tmp_path: Path) -> Post:
 
 
 def test_a_killed_reader_goes_on_where_it_was_and_misses_nothing(post: Post) -> None:
-    done = post.deliver("many", "kill")
-    assert done.returncode == 0, done.stderr
+    post.deliver("many", "kill")
     letters = post.letters()
     assert letters[:100] == ALL[:100]
     assert letters[100:] in (ALL[100:], [100, *ALL[100:]])  # the letter at which it died may come again
@@ -278,8 +279,7 @@ def test_a_killed_reader_goes_on_where_it_was_and_misses_nothing(post: Post) -> 
 
 
 def test_a_killed_reader_knows_exactly_how_much_it_missed_beyond_the_depth(post: Post) -> None:
-    done = post.deliver("few", "kill", f"until:={post.out}.back")
-    assert done.returncode == 0, done.stderr
+    post.deliver("few", "kill", f"until:={post.out}.back")
     letters = post.letters()
     assert letters == sorted(set(letters))
     missed = set(range(1, letters[-1] + 1)) - set(letters)
@@ -289,7 +289,6 @@ def test_a_killed_reader_knows_exactly_how_much_it_missed_beyond_the_depth(post:
 
 
 def test_a_robbed_reader_has_all_of_it_in_order(post: Post) -> None:
-    done = post.deliver("many", "rob")
-    assert done.returncode == 0, done.stderr
+    post.deliver("many", "rob")
     assert post.letters() == ALL
     assert post.account()["lost"] == 0
