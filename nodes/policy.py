@@ -74,7 +74,7 @@ class PolicyNodeState(MethodReporterState):
 
 
 class PolicyNode(MethodReporter):
-    """Command the first ring position of each trial of estimation, and the next after each open verdict.
+    """Command the first ring position of each trial, and the next one while the verdict is open.
 
     All policies have the same ports, so that any can replace any; most have no use for the optional ones, but
     remember what came for the one that has.

@@ -13,9 +13,7 @@ if str(ROOT) not in sys.path:
 
 from mkdocs.structure.files import File, Files  # noqa: E402
 
-from docs.site.made_pages import MADE  # noqa: E402
-
-DOCS = ROOT / "docs"
+from docs.site.made_pages import DOCS, MADE, whole_page  # noqa: E402
 
 
 def on_config(config: Any) -> Any:
@@ -36,9 +34,9 @@ def named_in(nav: Any) -> set[str]:
 
 def on_files(files: Files, config: Any) -> Files:
     """Add the pages that are made, the schemas of files and the diagrams' library."""
-    for place, make in MADE.items():
-        files.remove(files.src_uris[place])  # what a checkout has in its place
-        files.append(File.generated(config, place, content=make()))
+    for place in MADE:
+        files.remove(files.src_uris[place])  # of a checkout: the page's beginning
+        files.append(File.generated(config, place, content=whole_page(place)))
     for schema in sorted((ROOT / "launch").glob("*.schema.json")):
         files.append(File.generated(config, f"reference/{schema.name}", abs_src_path=str(schema)))
     for script in sorted(mermaid_folder().glob("*.js")):

@@ -11,34 +11,6 @@ from msgspec import inspect
 
 from palp_core.graph.description.launch_keys import SECTIONS, SUBSTITUTIONS, Keys
 
-_HEAD = """# Launch file: every key
-
-A launch file names nodes, their parameters and their wires. `palp launch FILE --check` reports every
-mistake with file, line and column, and starts nothing. YAML is version 1.2: `on` is a text, `1e-3` a number,
-and a repeated key an error. This page is generated from the structs that the check reads.
-
-```yaml
-# count.yaml
-graph: count
-clock: sim
-nodes:
-  counter: {run: count.py:Counter, params: {rate_hz: 20.0}}
-  watcher: {run: count.py:Watcher, inputs: {number: counter/number}, on_exit: shutdown}
-```
-
-## In an editor
-
-`palp graph schema` prints the JSON Schema (draft 7) of launch files. Editors with the YAML language server
-use it to complete keys and mark mistakes, if the first line of the file names it:
-
-<!-- not run: a line of a launch file, for editors -->
-```yaml
-# yaml-language-server: $schema=launch.schema.json
-```
-
-The schema has keys, words and bounds. Only the check knows your arguments, parameters and ports.
-"""
-
 _SUBSTITUTIONS = """## Substitutions
 
 Any value may contain them. They do not nest. A substitution that is the whole value keeps its type.
@@ -60,8 +32,8 @@ run:
 
 _INCLUDES = """## Files that share nodes
 
-`include` brings the nodes of another file, before the file's own `nodes` or after them, as the keys are
-ordered:
+`include` adds the nodes of another file. They come before or after your own `nodes`, in the order of the
+keys:
 
 <!-- not run: a part of a launch file -->
 ```yaml
@@ -70,14 +42,14 @@ include:
     args: {stop_link: $(var stop_link)}
 ```
 
-- Arguments of the included file are arguments of the including one, too, through any number of files. `palp
-  graph args FILE` lists them, the included ones first.
-- An argument with a value under `args` is no longer one. The value may be a mapping.
-- If both files declare an argument, the including file's default, choices and help count. The type must be
-  the same, and both must accept the value. Of two included files the first one's declaration counts.
+- Your file has all arguments of the included file. `palp graph args FILE` lists them, the included ones
+  first.
+- If you give an argument a value under `args`, it is no longer an argument of your file.
+- If both files declare an argument, your file's default, choices and help count. The type must be the same,
+  and both files must accept the value. Of two included files, the declaration of the first one counts.
 - An included file sees only arguments that it, or a file that it includes, declares.
-- An input with an empty argument, `inputs: {guard: $(var guard)}`, stays open.
-- `sets` lets one value stand for several: with `protocol: {default: paper, choices: [paper, swift], sets:
+- If the value of an argument is empty, an input such as `inputs: {guard: $(var guard)}` stays open.
+- `sets` lets one value set several others: with `protocol: {default: paper, choices: [paper, swift], sets:
   {swift: {lift_mm: 6.0}}}`, `protocol:=swift` also sets `lift_mm`. A value that you give yourself wins.
 - `shared` gives a value to every node with a parameter of that name. The including file's values win. In an
   include with a `namespace` they stay within it.
@@ -96,12 +68,19 @@ end) and returns the text to print. The function may have these functions as att
 
 
 def launch_page() -> str:
-    """Return the page as Markdown."""
-    parts = [_HEAD]
-    parts += ["\n".join(_section(place, keys)) for place, keys in SECTIONS.items()]
+    """Return every key as Markdown."""
+    parts = ["\n".join(_section(place, keys)) for place, keys in SECTIONS.items()]
     parts.append(_SUBSTITUTIONS + "\n".join(f"- {text}" for text in SUBSTITUTIONS.values()) + "\n")
     parts += [_SELECTIONS, _INCLUDES]
-    return "\n".join(parts)
+    return "\n" + "\n".join(parts)
+
+
+def top_keys() -> Iterator[tuple[str, str]]:
+    """Yield the keys at the top of a file, with what each is for."""
+    yield "key", "purpose"
+    for field in inspect.type_info(SECTIONS[""]).fields:  # type: ignore[attr-defined]
+        sentence = _about(field.type)["description"].partition(". ")[0]
+        yield f"`{field.encode_name}`", _cell(sentence.rstrip("."))
 
 
 def _section(place: str, keys: type[Keys]) -> Iterator[str]:
@@ -111,7 +90,7 @@ def _section(place: str, keys: type[Keys]) -> Iterator[str]:
     yield "|---|---|---|---|"
     for field in inspect.type_info(keys).fields:  # type: ignore[attr-defined]
         about = _about(field.type)
-        scope = " Of the file that is launched, not of one that it includes." if about.get("root") else ""
+        scope = " Counts only in the file that you launch." if about.get("root") else ""
         example = f" As in `{_cell(_written(about['examples'][0]))}`." if about.get("examples") else ""
         yield (
             f"| `{field.encode_name}` | {_cell(form_of(field.type))} | {_without(field)} "

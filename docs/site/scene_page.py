@@ -26,26 +26,6 @@ SECTIONS: dict[str, tuple[str, type]] = {
 
 _WORDS = {"output": OUTPUTS, "strain": STRAINS}
 
-_HEAD = """# Scene and phantom files: every key
-
-A scene file describes phantom, probe and path of a sweep, and how accurate an output must be. Missing keys
-are those of the published rig. `palp scene explain FILE` prints which contact model palp chooses, and why.
-`palp launch launch/sim.yaml scene:=FILE` runs in it. All values are in SI units. A mistake is reported with
-file, line, column and the nearest key.
-
-```yaml
-# scene.yaml
-phantom: {modulus_pa: 40000.0, bead: {depth_m: 0.002}}
-path: {indentation_m: 0.003}
-ring_m: [0.004, 0.016]
-tolerance: {output: peak, relative: 0.02}
-```
-
-```sh
-palp scene explain scene.yaml
-```
-"""
-
 _PHANTOMS = """## A file of phantoms
 
 `phantoms:=FILE` lists phantoms by your own codes, each with the keys of `phantom` above; `bead: none` is bare
@@ -64,10 +44,15 @@ For texture, wear and spread of phantoms, see [the simulated world](../explanati
 
 
 def scene_page() -> str:
-    """Return the page as Markdown."""
-    parts = [_HEAD]
-    parts += ["\n".join(_section(place, title, kind)) for place, (title, kind) in SECTIONS.items()]
-    return "\n".join([*parts, _PHANTOMS])
+    """Return every key as Markdown."""
+    parts = ["\n".join(_section(place, title, kind)) for place, (title, kind) in SECTIONS.items()]
+    return "\n" + "\n".join([*parts, _PHANTOMS])
+
+
+def top_scene_keys() -> Iterator[tuple[str, str]]:
+    """Yield the keys at the top of a file, with what each means."""
+    yield "key", "meaning"
+    yield from ((f"`{name}`", text) for name, text in _sentences(Scene).items())
 
 
 def _section(place: str, title: str, kind: type) -> Iterator[str]:

@@ -16,6 +16,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from docs.site.launch_page import top_keys
+from docs.site.promises_page import promises
+from docs.site.scene_page import top_scene_keys
+from docs.site.units_page import units_table
+from docs.site.verbs_page import verb_lines
 from palp_core.methods import Range, find
 from palp_core.palpation.method_table.mechanics import LOADS, PHANTOMS
 
@@ -264,6 +269,11 @@ TABLES: dict[str, Callable[[], Iterable[Row]]] = {
     "depths": depths,
     "mismatch": mismatch,
     "emg_levels": emg_levels,
+    "launch_keys": top_keys,
+    "scene_keys": top_scene_keys,
+    "verbs": verb_lines,
+    "promises": promises,
+    "units": units_table,
     "bounds": lambda: _bounds(""),
     "finite_bounds": lambda: _bounds("finite_"),
     "phantoms": lambda: _boxes(

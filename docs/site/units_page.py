@@ -9,55 +9,12 @@ from msgspec import Meta
 
 from palp_core import units
 
-_HEAD = """# Python: units
 
-`from palp_core.units import Metres, ...`: annotations for fields of messages and parameters. Each has a unit
-and bounds. Decoding refuses numbers out of bounds, NaN and infinity. All values on the wire are in SI units.
-
-```python
-# with_units.py
-from palp_core import Message
-from palp_core.units import Newtons, Seconds
-
-
-class Press(Message):
-    force_n: Newtons
-    held_s: Seconds
-```
-
-Declare a missing unit in one line:
-
-```python
-# own_unit.py
-from typing import Annotated
-
-from palp_core import Message
-from palp_core.units import quantity
-
-Moles = Annotated[float, quantity("mol", 0.0, 1e3)]
-
-
-class Dose(Message):
-    salt_mol: Moles
-```
-
-::: palp_core.units.quantity
-
-::: palp_core.units.array_of
-
-## All
-
-| name | type | unit | least | largest |
-|---|---|---|---|---|
-"""
-
-
-def units_page() -> str:
-    """Return the page as Markdown."""
-    rows = [
-        f"| `{name}` | {kind} | {unit} | {low} | {high} |\n" for name, kind, unit, low, high in quantities()
-    ]
-    return _HEAD + "".join(rows)
+def units_table() -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield the table of all units."""
+    yield "name", "type", "unit", "least", "largest"
+    for name, kind, unit, low, high in quantities():
+        yield f"`{name}`", kind, unit, low, high
 
 
 def quantities() -> Iterator[tuple[str, str, str, str, str]]:

@@ -8,22 +8,13 @@ from typing import Any
 
 import typer
 
-from palp_core.cli.lazy import LazyGroup, load
+from palp_core.cli.lazy import LazyGroup, Verb, load
 from palp_core.cli.main import app
-
-_HEAD = """# The command line: every verb and flag
-
-This page is generated; `palp VERB --help` prints the same. See also
-[which graph](../how_to/troubleshooting.md#which-graph)
-a verb uses, [exit codes and `--json`](exit_codes.md), and
-[what differs from ROS 2](../how_to/coming_from_ros2.md#what-differs).
-
-"""
 
 
 def verbs_page() -> str:
-    """Return the page as Markdown."""
-    parts = [_HEAD, "## palp\n\n", *_table(typer.main.get_command(app), "palp")]
+    """Return every verb and flag as Markdown."""
+    parts = ["\n## palp\n\n", *_table(typer.main.get_command(app), "palp")]
     for name, command in commands():
         parts += [f"\n## palp {name}\n\n", *_verb(command, f"palp {name}")]
         for inner, verb in getattr(command, "commands", {}).items():
@@ -32,13 +23,24 @@ def verbs_page() -> str:
     return "".join(parts)
 
 
+def verb_lines() -> Iterator[tuple[str, str]]:
+    """Yield each verb of the first level with its line of help."""
+    yield "verb", "effect"
+    for name, verb in _verbs().items():
+        yield f"`palp {name}`", verb.help
+
+
 def commands() -> Iterator[tuple[str, Any]]:
     """Yield each verb and group of the first level, by name."""
+    for name, verb in _verbs().items():
+        yield name, load(name, verb)
+
+
+def _verbs() -> dict[str, Verb]:
     kind = app.info.cls
     assert isinstance(kind, type)
     assert issubclass(kind, LazyGroup)
-    for name, verb in kind.verbs.items():
-        yield name, load(name, verb)
+    return kind.verbs
 
 
 def _verb(command: Any, path: str) -> Iterator[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.site.made_pages import MADE
+from docs.site.made_pages import MADE, whole_page
 from tests.docs.pages import RUN, Reader, blocks
 from tests.support.palp import ROOT, Palp
 
@@ -19,7 +19,7 @@ QUICK, BEGIN, END = "docs/tutorial/first_node.md", "## Two nodes", "A program ca
 
 
 def text_of(page: str) -> str:
-    return MADE[page]() if page in MADE else (ROOT / page).read_text(encoding="utf-8")
+    return whole_page(page) if page in MADE else (ROOT / page).read_text(encoding="utf-8")
 
 
 def has_something_to_run(page: str) -> bool:

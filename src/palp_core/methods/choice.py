@@ -22,7 +22,7 @@ UNAVAILABLE = "not available here"
 
 @dataclass(frozen=True)
 class Candidate:
-    """What one method offers a scene: stated error there, seconds of all uses, its state and why."""
+    """A method's stated error and cost in a scene, and whether it can be used there, with the reason."""
 
     name: str
     bound: float | None

@@ -246,7 +246,7 @@ def names(task: str) -> list[str]:
 
 
 def left_out() -> list[str]:
-    """Return why methods of other packages are missing."""
+    """Return the reasons why methods of other packages are missing."""
     return list(register().left_out)
 
 
@@ -265,7 +265,7 @@ def find(task: str, name: str) -> Method:
 
 @contextmanager
 def errors_name(method: Method) -> Iterator[None]:
-    """Let an error of the code within name the method."""
+    """Add the method's name to errors of the code within."""
     try:
         yield
     except Exception as error:

@@ -47,32 +47,31 @@ class ArgumentKeys(Keys):
     """An argument."""
 
     default: Annotated[
-        Any, _key("Its value where none is given, and with that its type; without one it must be given.", 10)
+        Any, _key("The value if none is given; it also sets the type. Without it, a value must be given.", 10)
     ] = UNSET
     choices: Annotated[
         list[Any],
         Meta(min_length=1),
         _key(
-            "All values that it may have. Without default and choices any value will do.",
+            "All allowed values. Without default and choices, any value is allowed.",
             ["fixed", "markov"],
         ),
     ] = []
     or_class: Annotated[
         bool,
         _key(
-            "Whether `MODULE:CLASS` or `FILE.py:CLASS` will do as well as a choice. A selection by the "
-            "argument has a branch `else` for it: of the node's parameters and inputs the class is given "
-            "those that it has."
+            "Whether `MODULE:CLASS` or `FILE.py:CLASS` is allowed, too. A selection by the argument needs a "
+            "branch `else` for it. The class gets those parameters and inputs of the node that it declares."
         ),
     ] = False
     help: Annotated[
-        str, _key("What it means, for `palp graph args` and for mistakes.", "trials per phantom")
+        str, _key("The meaning, for `palp graph args` and error messages.", "trials per phantom")
     ] = ""
     sets: Annotated[
         dict[str, Values],
         _key(
-            "By its value, values of other arguments and of shared parameters of this file. What is given "
-            "wins over them.",
+            "For each value, the values of other arguments and shared parameters of this file. A value that "
+            "you give yourself wins.",
             {"swift": {"lift_mm": 6.0}},
         ),
     ] = {}
@@ -89,14 +88,14 @@ class IncludeKeys(Keys):
     args: Annotated[
         Values,
         _key(
-            "Values of its arguments, which then are no arguments of this file.",
+            "Values of its arguments, which are then not arguments of this file.",
             {"noise": "$(var noise)"},
         ),
     ] = {}
     namespace: Annotated[
         Name | UnsetType,
         _key(
-            "Goes before the names of its nodes, as in `left_torque`, and into the wires between them: for "
+            "A prefix of its nodes' names, as in `left_torque`, and of the wires between them: for "
             "a second rig in one graph.",
             "left",
         ),
@@ -109,12 +108,10 @@ class CheckpointKeys(Keys):
     file: Annotated[
         str,
         Meta(min_length=1),
-        _key("Where the latest checkpoint is; relative to where one is.", "$(var out)/checkpoint"),
+        _key("The file of the latest checkpoint, relative to the present folder.", "$(var out)/checkpoint"),
     ]
-    after: Annotated[
-        Wire, _key("The output whose messages say that a checkpoint is due.", "experiment/trial")
-    ]
-    nodes: Annotated[list[str], _key("The nodes whose state is kept.", ["experiment", "policy"])]
+    after: Annotated[Wire, _key("The output whose messages cause a checkpoint.", "experiment/trial")]
+    nodes: Annotated[list[str], _key("The nodes whose state palp saves.", ["experiment", "policy"])]
 
 
 Restart = Literal["never", "on_failure"]
@@ -126,7 +123,7 @@ class RestartKeys(Keys):
     when: Annotated[
         Restart,
         _key(
-            "Whether the node is started again after its process failed. A mapping without it means "
+            "Whether palp starts the node again after its process failed. A mapping without this key means "
             "`on_failure`."
         ),
     ] = "on_failure"
@@ -134,29 +131,29 @@ class RestartKeys(Keys):
         int,
         Meta(ge=0, le=1_000_000),
         _key(
-            "How often at most; 30 s of work without a failure, and the count begins again. The failure "
-            "after the last restart ends the run, as one without `restart` does."
+            "Most restarts in a row; after 30 s without a failure the count begins again. The failure "
+            "after the last restart ends the run, as a failure without `restart` does."
         ),
     ] = _UNSTATED.max_restarts
     backoff_s: Annotated[
         float,
         Meta(ge=0, le=LONGEST_BACKOFF_S),
-        _key("Seconds before the first restart; each further one waits twice as long."),
+        _key("Seconds before the first restart; each further restart waits twice as long."),
     ] = _UNSTATED.backoff_s
 
 
 _QOS_SAYS = {
-    "reliability": "`reliable`: what went missing is asked for again; `best_effort`: it is counted.",
-    "durability": "`transient_local`: a late joiner gets the publisher's last `depth` messages first.",
+    "reliability": "`reliable`: the reader requests missing messages again; `best_effort`: it counts them.",
+    "durability": "`transient_local`: a late reader first gets the publisher's last `depth` messages.",
     "history": "`keep_all`: `publish()` waits while this reader is `depth` messages behind.",
     "max_blocking_ms": (
         "With `keep_all`, the longest such wait in ms; then `publish()` raises. "
-        f"0: {MAX_BLOCKING_MS:g} ms where the publisher states none either."
+        f"0: {MAX_BLOCKING_MS:g} ms, unless the publisher states a time."
     ),
-    "depth": "Messages kept for readers that missed them; a `best_effort` reader holds no more unread.",
+    "depth": "Messages that the publisher keeps; also the longest queue of a `best_effort` reader.",
     "deadline_ms": "Longest time between two messages in ms; 0: none stated.",
-    "lifespan_ms": "A message older than this, in ms, is not handed over; 0: none stated.",
-    "liveliness": "Who asserts that the publisher lives: its process; with `manual_by_topic` each message.",
+    "lifespan_ms": "A reader drops messages older than this, in ms; 0: none stated.",
+    "liveliness": "`automatic`: the process shows that it lives; `manual_by_topic`: each message does.",
     "lease_ms": "Longest silence in ms before the publisher counts as dead; 0: none stated.",
 }
 
@@ -177,13 +174,13 @@ QosKeys: Any = msgspec.defstruct("QosKeys", list(_policies()), bases=(Keys,))
 class InputKeys(QosKeys):  # type: ignore[misc] # made from Qos, whose fields they are
     """An input."""
 
-    source: Annotated[Wire | UnsetType, _key("The output that it reads.", "phantom/contact")] = field(
+    source: Annotated[Wire | UnsetType, _key("The output that the input reads.", "phantom/contact")] = field(
         name="from", default=UNSET
     )
     external: Annotated[
         bool,
         _key(
-            "In place of `from`: it takes messages from outside the graph, on the topic `/NODE/INPUT`.",
+            "Instead of `from`: the input takes messages from outside the graph, on the topic `/NODE/INPUT`.",
         ),
     ] = False
 
@@ -195,7 +192,7 @@ class NodeKeys(Keys):
         str,
         _text(re.sub(r"\?P<\w+>", "", RUN.pattern), "module:Class or path.py:Class"),
         _key(
-            "The node's class, `module:Class`: the module as the workspace imports it, or a path that ends "
+            "The node's class, `module:Class`: a module that the workspace can import, or a path that ends "
             "in `.py`, relative to the launch file.",
             "nodes.policy_markov:Markov",
             selects=True,
@@ -204,7 +201,7 @@ class NodeKeys(Keys):
     params: Annotated[
         Values,
         _key(
-            "Values of its parameters. What is left out is the shared parameter of that name, if there is "
+            "Values of its parameters. A missing parameter takes the shared value of that name, if there is "
             "one, else the class's default.",
             {"ring_mm": 16.0},
             selects=True,
@@ -213,8 +210,8 @@ class NodeKeys(Keys):
     inputs: Annotated[
         dict[str, Wire | InputKeys],
         _key(
-            "Where each input comes from: `node/port`, or a mapping that also asks for a quality of "
-            "service. An argument whose value is empty leaves the input open.",
+            "The source of each input: `node/port`, or a mapping that also requests a quality of service. "
+            "An argument with an empty value leaves the input open.",
             {"pose": "stage/pose"},
             selects=True,
         ),
@@ -222,30 +219,27 @@ class NodeKeys(Keys):
     restart: Annotated[
         Restart | RestartKeys,
         _key(
-            "What happens when its process fails once it was active: a handler raises, the process dies or "
-            "answers no more. A node that finishes has not failed. The next process begins with a new "
-            "state; its inputs go on where the last one was, as far as their publishers keep what came "
-            "meanwhile (`depth`). On the wall clock.",
+            "Whether palp restarts an active node that failed: a handler raised, or the process died or "
+            "stopped answering. The next process begins with a new state. Its inputs continue where the last "
+            "process was, as far as the publishers kept the messages (`depth`). On the wall clock.",
             {"when": "on_failure", "max_restarts": 5},
         ),
     ] = "never"
     on_exit: Annotated[
-        Literal["shutdown"] | UnsetType, _key("`shutdown`: when the node has finished, the graph ends.")
+        Literal["shutdown"] | UnsetType, _key("`shutdown`: the graph ends when the node finishes.")
     ] = UNSET
     realtime_priority: Annotated[
         int,
         Meta(ge=1, le=99),
-        _key("Priority of its process with the real-time scheduler SCHED_FIFO; without it the ordinary one."),
+        _key("Priority of its process with the real-time scheduler SCHED_FIFO."),
     ] = 0
     joined: Annotated[
         bool,
-        _key(
-            "Its process is on another host, from where it joins with `palp run --join`. On the wall clock."
-        ),
+        _key("Its process runs on another host and joins with `palp run --join`. On the wall clock."),
     ] = False
     output: Annotated[
         Literal["screen", "log"],
-        _key("`screen`: all that it prints is shown where the graph was launched; `log`: warnings, errors."),
+        _key("`screen`: the launch terminal shows all output of the node; `log`: warnings and errors only."),
     ] = "log"
 
 
@@ -254,16 +248,16 @@ class FileKeys(Keys):
 
     graph: Annotated[
         Name | UnsetType,
-        _key("What the running graph is called; `--graph` of every verb takes it.", "rig", root=True),
+        _key("Name of the running graph, for `--graph` of every verb.", "rig", root=True),
     ] = UNSET
     clock: Annotated[
         Literal["sim", "wall"] | UnsetType,
         _key(
-            "`sim`: simulated time in lockstep, the same bytes every time; `wall`: the machine's clock.",
+            "`sim`: simulated time in lockstep, the same bytes every time; `wall`: the host's clock.",
             root=True,
         ),
     ] = UNSET
-    seed: Annotated[int, Meta(ge=0), _key("Of every random number of the nodes.", root=True)] = 0
+    seed: Annotated[int, Meta(ge=0), _key("Seed of all random numbers of the nodes.", root=True)] = 0
     args: Annotated[
         dict[str, ArgumentKeys],
         _key(
@@ -274,16 +268,16 @@ class FileKeys(Keys):
     shared: Annotated[
         Values,
         _key(
-            "Parameters that every node of the graph is given whose class has one of that name, unless the "
-            "node states its own. `shared.NAME:=VALUE` on the command line; in an included file with a "
-            "namespace for its nodes only.",
+            "Parameter values for every node whose class has a parameter of that name. A value of the node "
+            "itself wins. `shared.NAME:=VALUE` sets one on the command line. In an included file with a "
+            "namespace they apply to its nodes only.",
             {"noise": "$(var noise)"},
         ),
     ] = {}
     include: Annotated[
         list[IncludeKeys],
         _key(
-            "Launch files whose nodes belong to the graph as well.",
+            "Other launch files whose nodes join the graph.",
             [{"file": "parts/world.yaml"}],
         ),
     ] = []
@@ -297,7 +291,7 @@ class FileKeys(Keys):
     report: Annotated[
         Function | UnsetType,
         _key(
-            "A function that is given the `RunSummary` at the end and returns what to print.",
+            "A function that receives the `RunSummary` at the end and returns the text to print.",
             "palp_core.palpation.session.report:session",
             root=True,
         ),
@@ -305,7 +299,7 @@ class FileKeys(Keys):
     listen: Annotated[
         Annotated[str, _text(f"({_ADDRESS})?", "tcp://HOST:PORT")],
         _key(
-            "Where nodes of other hosts may join; port 0 takes any free one. On the wall clock.",
+            "Address at which nodes of other hosts may join; port 0 takes a free one. On the wall clock.",
             "tcp://192.168.1.5:7600",
             root=True,
         ),
@@ -313,7 +307,7 @@ class FileKeys(Keys):
     view: Annotated[
         Function | UnsetType,
         _key(
-            "A function that fills a page of the graph's own in `palp view`.",
+            "A function that fills the graph's own page in `palp view`.",
             "palp_core.palpation.live_page.page:rig",
             root=True,
         ),
@@ -321,7 +315,7 @@ class FileKeys(Keys):
     checkpoint: Annotated[
         CheckpointKeys | UnsetType,
         _key(
-            "On the wall clock: when nodes are written down, for `--resume` after an interruption.",
+            "When to save the state of nodes, for `--resume` after an interruption. On the wall clock.",
             {"file": "$(var out)/checkpoint", "after": "experiment/trial", "nodes": ["experiment", "policy"]},
             root=True,
         ),
@@ -340,7 +334,7 @@ SECTIONS: Mapping[str, type[Keys]] = {
 """Keys by the place in a file; a title is the first line of their docstring."""
 
 SUBSTITUTIONS: Mapping[str, str] = {
-    "var": "`$(var name)`: the value of an argument, with its type where it is the whole value.",
+    "var": "`$(var name)`: the value of an argument.",
     "env": "`$(env NAME default)`: an environment variable; without a default it must be set.",
     "dirname": "`$(dirname)`: the folder of this file.",
     "filename": "`$(filename)`: this file.",

@@ -12,7 +12,7 @@ from palp_core.graph.node.loading import load_module
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """How a run went; handed to the launch file's report function.
+    """The outcome of a run, which the launch file's report function receives.
 
     Attributes:
         run: Id of the run on this host.

@@ -5,7 +5,7 @@ from palp_core.units import Count, Nanoseconds, Probability, Seconds
 
 
 class Progress(Message):
-    """How far a run is; shown by the launch view.
+    """Progress of a run, which the launch terminal shows.
 
     ``score`` is a live figure between 0 and 1, such as an accuracy, and counts only where ``score_defined``.
     """
@@ -21,7 +21,7 @@ class Progress(Message):
 
 
 class Swap(Message):
-    """Ask the launcher to let another node take this one's place: for an experiment whose plan says so.
+    """Ask the launcher to replace this node, as an experiment's plan states.
 
     In simulated time it is done before time goes on. ``params`` (JSON) are the new node's.
     """
@@ -78,7 +78,7 @@ class MethodUse(Message):
 
 
 class MethodsUsed(Message):
-    """The exchangeable methods that a node uses from now on, for ``palp methods why`` and the report.
+    """The methods that a node uses from now on, for ``palp methods why`` and the report.
 
     Said when the node begins, when it takes another's place, and whenever one of them changes. A port for it
     is ``transient_local``: a late reader gets it, too.
@@ -109,7 +109,7 @@ class Order(Message):
 
 
 class NodeEvent(Message):
-    """Something that happened to a node: on its hidden topic ``/<node>/_events``.
+    """An event of a node, on its hidden topic ``/<node>/_events``.
 
     ``kind`` is ``parameters``, ``transition``, ``deadline``, ``lifespan``, ``liveliness``, ``message_lost``,
     ``reader_overrun`` or ``call_timeout``; ``text`` is for a person, ``data`` (JSON) for a machine.

@@ -21,7 +21,7 @@ FLOAT64 = np.dtype("<f8")
 
 @dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(msgspec.field,))
 class Message(msgspec.Struct, metaclass=MessageMeta):
-    """Base of every message: frozen, keyword-only, SI units in the field names.
+    """Base class of every message: frozen, keyword-only, with SI units in the field names.
 
     Fields may be bool, int, float, str, bytes, a unit alias of :mod:`palp_core.units`, a list of those,
     another message or a list of messages: what a ROS ``.msg`` can have, and no more. Two messages are equal

@@ -18,7 +18,7 @@ Result = TypeVar("Result", bound=Message)
 
 
 class WrappedResult(msgspec.Struct, Generic[Result], frozen=True, kw_only=True):
-    """How a goal of a client ended.
+    """The outcome of a client's goal.
 
     Attributes:
         goal_id: Which.

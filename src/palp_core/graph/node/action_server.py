@@ -44,7 +44,7 @@ class ServedGoals(msgspec.Struct):
 
 
 class GoalHandle(Generic[Goal, Feedback, Result]):
-    """A goal, in the hands of the server that accepted it."""
+    """A goal that a server accepted, as the server sees it."""
 
     def __init__(self, end: ActionServerEnd[Goal, Feedback, Result], record: GoalRecord) -> None:
         self._end, self.record = end, record

@@ -19,7 +19,7 @@ def endpoints(run_dir: str, name: str) -> tuple[str, str]:
 
 
 def enter_workspace(workspace: str | Path) -> None:
-    """Put a workspace first on the module path, and what is installed under it, as a node's process has them.
+    """Put a workspace first on the module path, as in a node's process.
 
     A console script, a notebook and pytest have neither there.
     """

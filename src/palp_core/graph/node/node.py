@@ -45,7 +45,7 @@ class _ParamsMeta(msgspec.StructMeta):
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class Params(msgspec.Struct, metaclass=_ParamsMeta):
-    """Base of a node's parameters: frozen, validated, replaced as a whole when one of them changes.
+    """Base class of a node's parameters: frozen and checked; a change replaces the whole object.
 
     A parameter that is only looked at when the node is configured is marked: ``device: ReadOnly[str] =
     "sim"``.
@@ -55,7 +55,7 @@ class Params(msgspec.Struct, metaclass=_ParamsMeta):
 T = TypeVar("T")
 P = TypeVar("P", bound=Port)
 ReadOnly = Annotated[T, msgspec.Meta(extra={"read_only": True})]
-"""Marks a parameter that cannot be changed while the node lives."""
+"""Mark a parameter that no one can change while the node runs."""
 
 
 class _StateMeta(msgspec.StructMeta):
@@ -65,7 +65,7 @@ class _StateMeta(msgspec.StructMeta):
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(msgspec.field,))
 class State(msgspec.Struct, metaclass=_StateMeta):
-    """Base of everything a node remembers: plain data with defaults, so that it can be handed over.
+    """Base class of what a node remembers: plain data with defaults, which a swap can hand over.
 
     ``version`` grows when the meaning of a field changes. A class that can read an older version defines
     ``migrate(cls, old)``; one that can follow another node class defines ``adopt(cls, old)``. Both are class
@@ -89,7 +89,7 @@ class Mistakes(dict[str, str]):
 
 
 class Node(LifecycleHooks):
-    """Base of all nodes. Subclasses declare ports, parameters, state and handlers; the tutorial has one.
+    """Base class of all nodes. A subclass declares ports, parameters, state and handlers.
 
     Attributes:
         moves: The node commands motion: it is brought to a safe state first when a graph ends.

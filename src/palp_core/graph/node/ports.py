@@ -116,7 +116,7 @@ class Srv(Port, Generic[Request, Reply]):
 
 
 class Client(LivePort[ClientEnd[Request]], Generic[Request, Reply]):
-    """The asking end of a service; wired in the launch file like an input.
+    """The client of a service. The launch file wires it like an input.
 
     Args:
         request: What it sends.
@@ -183,7 +183,7 @@ class Act(LivePort[ActionServerEnd[Goal, Feedback, Result]], Generic[Goal, Feedb
 
 
 class ActionClient(LivePort[ActionClientEnd[Goal]], Generic[Goal, Feedback, Result]):
-    """The asking end of an action, wired in the launch file like a client: one key for the whole of it.
+    """The client of an action. One key of the launch file wires all of it.
 
     The method marked ``@on(client)`` gets a ``WrappedResult`` for every goal that was sent, whatever becomes
     of it; one marked ``@on_feedback(client)`` gets the feedback.
@@ -262,7 +262,7 @@ def on(port: Port) -> Callable[[Handler], Handler]:
 def on_event(
     port: Sub[Any] | Pub[Any] | Client[Any, Any],
 ) -> Callable[[Callable[[Any, QosEvent], None]], Callable[[Any, QosEvent], None]]:
-    """Mark the method that runs when an edge does not keep its promises, or a call is not answered.
+    """Mark the method that runs when a QoS policy is broken, or a call gets no answer.
 
     Of an output: when readers have lost messages for good.
     """
@@ -277,7 +277,7 @@ def serve(
 
 
 def every(hz: str) -> Callable[[Callable[[Any], None]], Callable[[Any], None]]:
-    """Mark a method to be run at the rate that the named parameter states in Hz."""
+    """Mark a method that runs at the rate that the named parameter gives in Hz."""
     return _mark(Timer(hz, running=True))
 
 
@@ -301,7 +301,7 @@ def execute(
 def accept(
     port: Act[Goal, Feedback, Result],
 ) -> Callable[[Callable[[Any, Goal], None]], Callable[[Any, Goal], None]]:
-    """Mark the method that looks at a goal before it is accepted, and may raise ``GoalRejected``."""
+    """Mark the method that checks a goal before palp accepts it; it may raise ``GoalRejected``."""
     return _mark(port, "accept")
 
 
@@ -311,14 +311,14 @@ def on_cancel(
     [Callable[[Any, GoalHandle[Goal, Feedback, Result]], None]],
     Callable[[Any, GoalHandle[Goal, Feedback, Result]], None],
 ]:
-    """Mark the method that runs when a goal is to be canceled, and may raise ``CancelRejected``."""
+    """Mark the method that runs when a client cancels a goal; it may raise ``CancelRejected``."""
     return _mark(port, "cancel")
 
 
 def on_feedback(
     port: ActionClient[Goal, Feedback, Result],
 ) -> Callable[[Callable[[Any, str, Feedback], None]], Callable[[Any, str, Feedback], None]]:
-    """Mark the method that gets the id of a goal of this client and the server's feedback of it."""
+    """Mark the method that gets the id of a client's goal, and the server's feedback on it."""
     return _mark(port, "feedback")
 
 

@@ -30,7 +30,7 @@ FIRST_FEW = 8
 
 
 class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
-    """Something that an edge promised and did not keep.
+    """A broken QoS policy of an edge.
 
     Attributes:
         kind: ``deadline``: nothing came within the deadline; ``lifespan``: a message was too old and was

@@ -25,7 +25,7 @@ STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over
 
 
 class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How long the old node is on standby, and goes on if the new one fails: what is over first.
+    """How long the old node can still take over again if the new one fails.
 
     Attributes:
         run_count: Handlers that have to run well, or what else proves it by its class; 0:

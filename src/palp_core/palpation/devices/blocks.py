@@ -39,7 +39,7 @@ WANTED: dict[Stream, Wanted] = {
     # 4.4 ms were seen with a report each 1 ms; wanted are 0.15 mm of a sweep at 20 mm/s
     "load": Wanted(0.0075, 0.0046),
 }
-"""By what travels in the blocks; what was seen is in docs/reference/devices.md."""
+"""By what travels in the blocks."""
 
 
 def check_block(block_samples: int, rate_hz: float) -> None:

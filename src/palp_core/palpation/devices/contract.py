@@ -129,7 +129,7 @@ class DeviceContract:
     """What every device promises."""
 
     def test_an_open_device_is_well_and_closing_it_twice_is_harmless(self, subject: Subject) -> None:
-        """Its health is OK when it is open, and CLOSED when it is closed, but for a simulated one."""
+        """The health of an open device is OK. Closed, it is CLOSED, except for a simulated device."""
         subject.call("open")
         health = subject.device.health(subject.now())
         assert health.ok, f"open, it is not well: {health}"
@@ -139,7 +139,7 @@ class DeviceContract:
         assert subject.simulated or after is Condition.CLOSED, f"closed, its health says {after}, not closed"
 
     def test_a_successor_goes_on_with_the_state(self, subject: Subject) -> None:
-        """All that the next process needs is in the state, and can be written down."""
+        """The state holds all that the next process needs, and can be written to a file."""
         samples = subject.kind in ("torque", "emg")
         subject.call("open")
         if samples:
@@ -162,14 +162,14 @@ class MoverContract(DeviceContract):
     """What a stage or a ring promises."""
 
     def test_what_moves_takes_an_acknowledgement_and_is_well_after_it(self, subject: Subject) -> None:
-        """Nothing was wrong, and nothing is."""
+        """The device is well before the acknowledgement and after it."""
         subject.call("open")
         subject.call("acknowledge")
         health = subject.device.health(subject.now())
         assert health.ok, f"acknowledged, it is not well: {health}"
 
     def test_what_moves_refuses_before_it_was_opened(self, subject: Subject) -> None:
-        """Nothing moves without a link."""
+        """The device raises an error that asks to open it first."""
         method = {"stage": "return_to", "ring": "command"}[subject.kind]
         with _refused("open it", "to move before it was opened"):
             subject.call(method, 0.001)
@@ -179,7 +179,7 @@ class SensorContract(DeviceContract):
     """What a torque sensor or an EMG amplifier promises."""
 
     def test_samples_are_numbered_and_in_order(self, subject: Subject) -> None:
-        """Times and numbers rise; a number is missing only at a gap. No sample is NaN or faulty."""
+        """Times and numbers rise. A number is missing only at a gap. No sample is NaN or faulty."""
         subject.call("open")
         found = subject.collect(150)
         step = np.diff(found["index"])
@@ -199,7 +199,7 @@ class StageContract(MoverContract):
     """What a stage promises."""
 
     def test_a_stage_sweeps_an_interval_both_ways_at_the_times_it_says(self, subject: Subject) -> None:
-        """Within 1 mm along y, which is what a busy machine takes, and 0.1 mm in height."""
+        """The position is within 1 mm along y, to allow for a busy host, and within 0.1 mm in height."""
         subject.call("open")
         for from_m, to_m in ((-0.002, 0.002), (0.002, -0.002)):
             start_m = subject.device.sweep_start(from_m, to_m)
@@ -213,7 +213,7 @@ class StageContract(MoverContract):
             _near(place.z_m, [0.0, 0.0], 1e-4, "z in the sweep, m")
 
     def test_a_stage_says_where_it_is_and_raises_the_probe(self, subject: Subject) -> None:
-        """Its feedback is where it was sent, at the height it was sent to; a retreat leaves y as it is."""
+        """The feedback gives the position and height of the command. A retreat changes the height only."""
         subject.call("open")
         lift_m = subject.device.lift_m
         for y_m, z_m, given, how in (
@@ -228,7 +228,7 @@ class StageContract(MoverContract):
             assert measured, f"it was measured from {here.asked_ns} to {here.answered_ns} ns, not before now"
 
     def test_a_stage_refuses_what_leaves_its_window(self, subject: Subject) -> None:
-        """And a sweep from where no sweep begins."""
+        """The stage also refuses a sweep from a position where no sweep begins."""
         subject.call("open")
         for target_m in (0.2, -0.2, float("nan"), float("inf")):
             with _refused("must lie in", f"a return to {target_m} m"):
@@ -239,7 +239,7 @@ class StageContract(MoverContract):
             subject.call("sweep", -0.002, 0.002)
 
     def test_a_stage_takes_one_move_at_a_time_and_stops_when_it_must(self, subject: Subject) -> None:
-        """After a stop it moves again."""
+        """After a stop, the stage accepts the next move."""
         subject.call("open")
         subject.call("return_to", -0.02)
         with _refused("moves", "a second move while it moves"):
@@ -253,7 +253,7 @@ class RingContract(MoverContract):
     """What a ring promises."""
 
     def test_a_ring_arrives_and_says_so(self, subject: Subject) -> None:
-        """Within 0.4 mm."""
+        """The measured position is within 0.4 mm of the target."""
         subject.call("open")
         settled_ns = subject.call("command", 0.001)
         assert not subject.call("read").settled, "it is settled before it has moved"
@@ -266,14 +266,14 @@ class RingContract(MoverContract):
         _near(reading.measured_m, 0.001, 0.4e-3, "where it is, m")
 
     def test_a_ring_refuses_targets_beyond_its_stroke(self, subject: Subject) -> None:
-        """By the name of what is wrong."""
+        """The error names the argument `target_m`."""
         subject.call("open")
         for target_m in (-0.001, 0.0501, float("nan")):
             with _refused("target_m", f"a target of {target_m} m"):
                 subject.call("command", target_m)
 
     def test_a_ring_holds_where_it_was_stopped(self, subject: Subject) -> None:
-        """A tenth of a second into 10 mm."""
+        """A ring that is stopped 0.1 s into a move of 10 mm stays there."""
         subject.call("open")
         subject.call("command", 0.010)
         subject.reach(subject.now() + 100_000_000)
@@ -287,7 +287,7 @@ class TorqueContract(SensorContract):
     """What a torque sensor promises."""
 
     def test_taring_makes_the_present_load_the_zero(self, subject: Subject) -> None:
-        """Within 20 uN m, the mean of 100 samples; what presses on the sensor must be still meanwhile."""
+        """The mean of the next 100 samples is within 20 uN m of zero. The load must not change meanwhile."""
         subject.call("open")
         found = subject.collect(50)
         last = found.pop("blocks")[-1]
@@ -302,7 +302,7 @@ class EmgContract(SensorContract):
     """What an EMG amplifier promises."""
 
     def test_emg_samples_are_evenly_spaced(self, subject: Subject) -> None:
-        """At the rate that it states, within a quarter over a block."""
+        """The mean spacing within a block fits the stated rate within 25 %."""
         subject.call("open")
         blocks = subject.collect(max(300, round(subject.device.rate_hz)))["blocks"]
         # within a block the clock's fit is one; after a second a burst that came late bends it no more

@@ -63,7 +63,7 @@ def _no_wrench() -> Float64Array:
 
 
 class SweepTimes(msgspec.Struct, frozen=True):
-    """When a sweep is at constant speed over the interval it was asked for, and when it ends.
+    """The times between which a sweep has constant speed over its interval, and its end.
 
     A sample is over the interval if ``enter_ns <= stamp_ns <= leave_ns``. A driver predicts these times.
     """
@@ -83,7 +83,7 @@ class StageReading:
 
 @dataclass(frozen=True)
 class RingReading:
-    """What the ring actuator reports of itself; its true position is not among it.
+    """What the ring actuator reports; its true position is not included.
 
     ``waits``: for what it waits before it moves, as a text; "" while it moves or rests.
     """

@@ -56,7 +56,7 @@ class RecordedSweeps:
 
 
 def read_sessions(paths: Sequence[Path]) -> list[RecordedSweeps]:
-    """Read sessions, each its own: one that counts twice makes intervals too narrow."""
+    """Read sessions; a session given twice would make intervals too narrow."""
     places = [path.resolve() for path in paths]
     for path, place in zip(paths, places, strict=True):
         if places.count(place) > 1:

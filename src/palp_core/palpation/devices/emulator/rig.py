@@ -106,7 +106,7 @@ def _own(folder: Path) -> Path:
 
 
 class EmulatedRig:
-    """Start the devices named; stop them at the end of the ``with``."""
+    """Start emulated devices by name, and stop them at the end of the ``with``."""
 
     def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:4]) -> None:
         self.settings = settings or RigSettings()

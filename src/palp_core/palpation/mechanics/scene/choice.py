@@ -34,7 +34,7 @@ class SceneChoice:
 
 
 def choose_rung(scene: Scene, rung: str | None = None) -> SceneChoice:
-    """Return the cheapest rung that is good enough for a scene, or the one asked for with its stated error.
+    """Return the cheapest contact model that meets a scene's tolerance, or the named one, with its error.
 
     Args:
         scene: What is swept, and how right it must be.
@@ -79,7 +79,7 @@ def moved_by(
 
 
 def rung_model(rung: str, phantom: Phantom, tip_radius_m: float) -> ContactModel:
-    """Return a rung by name, ready to use, at its usual resolution.
+    """Return a contact model by name, ready to use, at its usual resolution.
 
     Args:
         rung: Its name.
@@ -108,7 +108,7 @@ def contact_model(
     tolerance: float = 0.02,
     indentation_m: float | None = None,
 ) -> tuple[ContactModel, MethodChoice]:
-    """Return the cheapest contact rung that is good enough for any ring and probe, ready to use, and why.
+    """Return the cheapest contact model for any ring and probe, ready to use, and the reason.
 
     Args:
         phantom: What is touched.

@@ -86,13 +86,13 @@ def motion_output(output: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """How right which output must be.
+    """How accurate an output must be.
 
     Attributes:
         output: One of :data:`OUTPUTS`.
         relative: Largest relative error; of ``decision`` the share of decisions that may differ.
         depths_m: Depths compared, for ``separation`` and ``decision``; the paper's three if empty.
-        strain: Against which law, one of :data:`STRAINS`.
+        strain: The law to compare with, one of :data:`STRAINS`.
 
     Raises:
         OutOfRange: An unknown output or law, a tolerance that is not positive, or fewer than two different
@@ -128,7 +128,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """What is swept over what, and how right it must be.
+    """A probe, a phantom, the path of the sweep, and how accurate the result must be.
 
     >>> from palp_core.palpation import Bead, Phantom, Scene, choose_rung
     >>> scene = Scene(phantom=Phantom(bead=Bead(depth_m=0.002)), ring_m=(0.008,))
@@ -136,12 +136,12 @@ class Scene:
     'l2'
 
     Attributes:
-        phantom: What is touched.
-        probe: With what.
-        path: Along which way.
-        ring_m: Ring positions r_a, each swept.
-        tolerance: How right which output must be.
-        budget_s: Seconds of CPU that set-up and sweeps may take; None for as many as it takes.
+        phantom: The gel that is touched, and the bead in it.
+        probe: The probe that touches it.
+        path: The path of the stage.
+        ring_m: Ring positions r_a; the probe sweeps once at each.
+        tolerance: The output that matters, and its largest error.
+        budget_s: Seconds of CPU that set-up and sweeps may take; None for no limit.
 
     Raises:
         OutOfRange: No ring position, one that is no number or leaves the joint unstable, or a budget that is

@@ -1,4 +1,4 @@
-"""The filter that knows what stays: readings of a trial share errors, and the belief accounts for them.
+"""A filter for readings that share errors: the landing of the ring and the height of the phantom.
 
 The ring keeps its landing error until it moves, a phantom its height until it is remounted. Readings are
 linear-Gaussian about the class means::

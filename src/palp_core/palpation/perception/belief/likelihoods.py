@@ -1,4 +1,4 @@
-"""Log densities of one reading given a cell of memory primitives; task ``likelihood``.
+"""Log densities of one reading for a depth and ring position; task ``likelihood``.
 
 Every function takes the cells of one setting and returns natural-log densities, one per class, finite for any
 finite reading of physical size. Readings of shape (n, 1) with cells of shape (n, m) give n rows at once.

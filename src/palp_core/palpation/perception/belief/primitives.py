@@ -1,4 +1,4 @@
-"""Memory primitives: what was felt in training, P(reading | class, setting), for any number of both.
+"""Memory primitives: what training showed, P(reading | class, setting), for any number of both.
 
 In the experiment a class is a nodule's depth, a setting is a ring position r_a, and a reading is a peak
 torque. The functions ask for nothing of that kind: readings, means and deviations share one unit, whichever

@@ -1,4 +1,4 @@
-"""How a rig repeats itself, as a file: what ``plan:=repeatability`` measures, and simulation and filter load.
+"""The noise file of a rig, which ``plan:=repeatability`` writes, and simulation and filter load.
 
 ::
 

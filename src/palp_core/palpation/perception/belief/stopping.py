@@ -1,4 +1,4 @@
-"""When to stop probing: rules over the beliefs so far, and the verdict; task ``stop``.
+"""Rules that end a trial, from the beliefs so far, and the verdict; task ``stop``.
 
 The published rule stops when the correlation distance between successive gain vectors falls below T = 0.0005.
 That distance has cases without a value, and it cannot see a belief that doubles along the same direction;

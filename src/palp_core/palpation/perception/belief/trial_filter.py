@@ -1,4 +1,4 @@
-"""The belief of one trial from its readings: the filter that a node and a re-analysis both run.
+"""The belief of one trial from its readings, for the node and the re-analysis.
 
 A trial has few probes, so the belief is always made from all of them. What a replacement node inherits is
 then the list of probes, and the same list gives the same belief to the last bit wherever it is filtered.

@@ -1,4 +1,4 @@
-"""What co-contraction is measured against: the MVC, by a named rule, and rest.
+"""The reference of co-contraction: the MVC, by a named rule, and rest.
 
 The envelope of EMG is noisy, so its maximum exceeds the contraction: over 5 s by 13 % of a muscle whose
 noise is white, and by 30 % of one with the spectrum of surface EMG. The levels that are held against it read

@@ -1,4 +1,4 @@
-"""What can be wrong with a recording of EMG, and what was done about it.
+"""Faults of an EMG recording, and what palp did about each.
 
 Clipping, an electrode's offset, lost samples and a contraction that was not maximal all give an envelope that
 looks like muscle; only the raw samples show it.

@@ -1,4 +1,4 @@
-"""What shapes bursts and levels: the command, the node and ``emg fit-policy`` take these defaults.
+"""Settings of bursts and levels, with the defaults of the command, the node and ``emg fit-policy``.
 
 None of it was published. The reasons are of muscles and of the RMS, none is fitted to a recording.
 """

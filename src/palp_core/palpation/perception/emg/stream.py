@@ -1,4 +1,4 @@
-"""Muscles' raw EMG to co-contraction and bursts, block by block: the bytes of the whole recording at once.
+"""From raw EMG to co-contraction and bursts, block by block, with the same bytes as all at once.
 
 Against the muscle, co-contraction is late by half the RMS window, offline as well, for the chain is causal. A
 burst states its own lag.

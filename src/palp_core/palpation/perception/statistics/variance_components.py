@@ -1,4 +1,4 @@
-"""How much of a scatter each cause makes: variance components by restricted maximum likelihood.
+"""Variance components by restricted maximum likelihood: how much each cause adds to a scatter.
 
 A block is a condition at one setting; its groups share one draw of the condition's cause, its readings none::
 

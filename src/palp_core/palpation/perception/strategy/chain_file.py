@@ -1,4 +1,4 @@
-"""A strategy that was learnt, as a file: what ``palp emg fit-policy`` writes and the Markov policy loads."""
+"""The file of a fitted strategy, which ``palp emg fit-policy`` writes and the Markov policy loads."""
 
 from collections.abc import Sequence
 from pathlib import Path

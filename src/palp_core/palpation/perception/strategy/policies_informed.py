@@ -1,4 +1,4 @@
-"""Policies that use more than the belief: a new landing of the ring, what stays in a trial, a person's EMG.
+"""Policies that use more than the belief: landings of the ring, shared errors, or a person's EMG.
 
 Task ``policy``, with those of :mod:`policies`.
 """

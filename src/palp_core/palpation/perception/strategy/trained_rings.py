@@ -1,4 +1,4 @@
-"""Ring positions that training covers, and what a policy may therefore ask for."""
+"""Ring positions that training covers, and that a policy may therefore command."""
 
 import math
 from collections.abc import Iterable, Sequence

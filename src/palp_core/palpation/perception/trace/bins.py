@@ -1,4 +1,4 @@
-"""Torque by position: the mean over each stretch of the path, the same as it comes or all at once."""
+"""Torque by position: the mean over each bin of the path, the same block by block or all at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sweeps of a trial look like together: torques by position, jointly normal given the class.
+"""The joint normal distribution of torques by position, for all sweeps of a trial, given the class.
 
 A sweep at setting u of class c is::
 

@@ -1,4 +1,4 @@
-"""What training teaches about whole sweeps: a mean trace a cell, its answer to the ring, a bin's scatter."""
+"""What training teaches about whole sweeps: mean traces, their change with the ring, scatter by bin."""
 
 from __future__ import annotations
 
