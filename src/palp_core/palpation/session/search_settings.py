@@ -30,6 +30,8 @@ from palp_core.units import (
 
 PolicyName = Literal["greedy", "fixed", "raster"]
 Share = Annotated[float, quantity("1", 1e-6, 1.0 - 1e-6)]
+Depths = Annotated[list[float], msgspec.Meta(min_length=3, max_length=40)]
+_DEPTHS_MM = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 Rings = Annotated[list[float], msgspec.Meta(min_length=1, max_length=5)]
 _REACH_M, _BEFORE_M, _AFTER_M = 0.044, 0.040, 0.076  # of what a bead adds: aside, and along the stage's way
 _LEVELS = np.arange(-4.0, 5.0)
@@ -39,17 +41,20 @@ class SearchParams(Params):
     """Parameters of the searcher; spreads are of what differs from phantom to phantom, and assumed.
 
     ``policy`` chooses lanes: ``greedy`` by bits a second, ``fixed`` 16 mm apart and then near a bead,
-    ``raster`` every 2 mm. ``rings_mm`` are the rings that lanes may use. ``none`` is the probability that
-    there is no bead, ``second`` that of another where there is one; a bead is not named alone while that is
-    above ``missed``. A search ends once it is ``sure`` of
-    presence and knows place and depth to their spreads, or before ``most_s`` is over. Lanes less probable
-    than ``misfit`` do not fit what was trained. ``scene`` is the scene file of probe, gel and indentation;
-    empty: the default scene. The texture's spread is that of what the surface adds to the torque.
+    ``raster`` every 2 mm. ``rings_mm`` are the rings that lanes may use, ``depths_mm`` the depths that are
+    tabulated, from the least to the largest that a bead may have. ``none`` is the probability that there is
+    no bead, ``second`` that of another where there is one; a bead is not named alone while that is above
+    ``missed``. A search ends once it is ``sure`` of presence and knows place and depth to their spreads, or
+    before ``most_s`` is over. Lanes less probable than ``misfit`` do not fit what was trained. ``scene`` is
+    the scene file of probe, gel and indentation; empty: the default scene. The texture's spread is that of
+    what the surface adds to the torque, ``hum_sd_n_mm`` that of what a bin's mean leaves of stick-slip: 0
+    where the stage is so fast that there is none.
     """
 
     policy: PolicyName = "greedy"
     scene: ReadOnly[str] = ""
     rings_mm: ReadOnly[Rings] = msgspec.field(default_factory=lambda: [16.0])
+    depths_mm: ReadOnly[Depths] = msgspec.field(default_factory=lambda: list(_DEPTHS_MM))
     speed_mm_s: ReadOnly[Annotated[float, quantity("mm/s", 1.0, 200.0)]] = 20.0
     none: Share = 0.5
     second: Probability = 0.03
@@ -66,14 +71,16 @@ class SearchParams(Params):
     tilt_sd: ReadOnly[RatioNonNegative] = 0.002
     texture_sd_n_mm: NewtonMillimetresPositive = 0.2
     texture_length_mm: MillimetresPositive = 3.0
-    white_sd_n_mm: NewtonMillimetresPositive = 0.03
-    lane_sd_n_mm: NewtonMillimetresNonNegative = 0.03
+    hum_sd_n_mm: NewtonMillimetresNonNegative = 0.1
+    white_sd_n_mm: NewtonMillimetresPositive = 0.05
+    lane_sd_n_mm: NewtonMillimetresNonNegative = 0.05
 
     def settings(self) -> SearchSettings:
         """Return them as the search has them, SI."""
         return SearchSettings(
             policy=self.policy,
             rings_m=tuple(1e-3 * one for one in self.rings_mm),
+            depths_m=tuple(round(1e-3 * one, 9) for one in self.depths_mm),
             speed_m_s=1e-3 * self.speed_mm_s,
             none=self.none,
             second=self.second,
@@ -88,6 +95,7 @@ class SearchParams(Params):
             friction=self.read_scene().probe.friction,
             texture_sd_n_m=1e-3 * self.texture_sd_n_mm,
             texture_length_m=1e-3 * self.texture_length_mm,
+            hum_sd_n_m=1e-3 * self.hum_sd_n_mm,
             white_sd_n_m=1e-3 * self.white_sd_n_mm,
             lane_sd_n_m=1e-3 * self.lane_sd_n_mm,
         )

@@ -53,6 +53,11 @@ STUDIES = {
             "palp_core.palpation.studies.robustness.study:run",
         ),
         Study(
+            "search",
+            "Is there a nodule, where, how deep, how sure? Speed against accuracy of searches in the plane.",
+            "palp_core.palpation.studies.search.study:run",
+        ),
+        Study(
             "stability",
             "Where does each method of touch, belief and signals fail, by which symptom, and what survives?",
             "palp_core.palpation.studies.stability.study:run",

@@ -16,7 +16,7 @@ from palp_core.palpation.perception.search.samples import BeadEstimate
 from palp_core.palpation.perception.search.settings import Lane, SearchSettings
 from palp_core.units import Float64Array
 
-_HYPOTHESES = 80
+_HYPOTHESES = 48
 _EVERY = 2  # cells across between lanes that are considered
 _LENGTHS = 2.0  # of the texture between lanes of one direction: closer ones share it
 

@@ -116,43 +116,60 @@ class Searcher:
 
     def _judge(self) -> SearchOutcome:
         settings, belief = self.settings, self._belief
-        none = belief.none
+        none, second, squares = belief.none, settings.second, _squares_of_none(belief)
         beads: tuple[BeadEstimate, ...] = ()
-        second, squares = settings.second, _squares_of_none(belief)
         if none < 0.5:
             first, squares = estimate(belief, belief.log_odds)
             beads = (first,)
-            odds = second_log_odds(belief, first.mean) if settings.second > 0.0 else None
-            if odds is not None:
+            if self._time_over or self._known(beads) or self._fit(squares, 1) < settings.misfit:
+                odds = second_log_odds(belief, first.mean)
                 most = max(float(odds.max()), 0.0)
                 share = float(np.exp(odds - most).sum())
                 second = share / (share + float(np.exp(-most)))
                 if second > 0.5:
                     beads, squares = _both(belief, first, odds)
-        freedom = settings.bins * len(belief.lanes) - 3 * len(beads)
-        fit = float(scipy.special.chdtrc(max(freedom, 1), squares)) if belief.lanes else 1.0
-        return SearchOutcome(
-            self._verdict(none, second, fit, beads), beads, belief.map, none, second, fit, self.seconds
+        fit = self._fit(squares, len(beads))
+        verdict = self._verdict(none, second, fit, beads, ends=self._time_over)
+        self._next = None
+        if verdict == "continue":
+            self._next = self.policy.choose(belief, beads[0] if beads else None, self.level_of)
+            if self._next is None:
+                verdict = self._verdict(none, second, fit, beads, ends=True)
+        return SearchOutcome(verdict, beads, belief.map, none, second, fit, self.seconds)
+
+    @property
+    def _time_over(self) -> bool:
+        """Whether no further lane can end in time."""
+        lanes = self._belief.lanes
+        return (
+            bool(lanes) and self.seconds + self.settings.lane_s(lanes[-1].lane, None) > self.settings.most_s
         )
 
-    def _verdict(self, none: float, second: float, fit: float, beads: tuple[BeadEstimate, ...]) -> Verdict:
-        settings, belief = self.settings, self._belief
-        fits = fit >= settings.misfit
-        over = belief.lanes and self.seconds + settings.lane_s(belief.lanes[-1].lane, None) > settings.most_s
-        if none > settings.sure:
-            return "none" if fits else "does_not_fit"
-        known = all(
+    def _known(self, beads: tuple[BeadEstimate, ...]) -> bool:
+        """Whether places and depths are known as well as is asked for."""
+        settings = self.settings
+        return all(
             one.place_sd_m <= settings.place_sd_m and one.depth_sd_m <= settings.depth_sd_m for one in beads
         )
+
+    def _fit(self, squares: float, beads: int) -> float:
+        """Return the probability that lanes fit no better, chi-squared, if all is as trained."""
+        freedom = self.settings.bins * len(self._belief.lanes) - 3 * beads
+        return float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
+
+    def _verdict(
+        self, none: float, second: float, fit: float, beads: tuple[BeadEstimate, ...], *, ends: bool
+    ) -> Verdict:
+        settings = self.settings
+        fits = fit >= settings.misfit
+        if none > settings.sure:
+            return "none" if fits else "does_not_fit"
         present = none < 1.0 - settings.sure and bool(beads)
         single = len(beads) == 1 and second <= settings.missed
         double = len(beads) == 2 and second > settings.sure
-        self._next = None if over else self.policy.choose(belief, beads[0] if beads else None, self.level_of)
-        ends = self._next is None
-        if present and (single or double) and (known or ends):
-            if not fits:
-                return "does_not_fit"
-            return "two_beads" if double else "bead"
+        if present and (single or double) and (ends or self._known(beads)):
+            found: Verdict = "two_beads" if double else "bead"
+            return found if fits else "does_not_fit"
         if ends:
             return "undecided" if fits else "does_not_fit"
         return "continue"

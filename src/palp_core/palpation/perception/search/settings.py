@@ -58,8 +58,10 @@ class SearchSettings:
     friction: float = 0.3  # nominal coefficient
     texture_sd_n_m: float = 0.2e-3  # of the torque that the surface adds
     texture_length_m: float = 0.003
-    white_sd_n_m: float = 0.03e-3  # of a bin: sensor, stick-slip, and what the mechanics leave out
-    lane_sd_n_m: float = 0.03e-3  # of a lane's zero
+    hum_sd_n_m: float = 0.1e-3  # of what a bin's mean leaves of stick-slip
+    hum_m: tuple[float, float] = (1.1e-3, 1.42e-3)  # least and largest way of the stage in one of its cycles
+    white_sd_n_m: float = 0.05e-3  # of a bin: sensor, and what the mechanics leave out
+    lane_sd_n_m: float = 0.05e-3  # of a lane's zero
     amplitude_sd: float = 0.08  # of a bead's signal in the map, for what its slopes would say
     none: float = 0.5  # probability that there is no bead
     second: float = 0.03  # probability of a second bead where there is one

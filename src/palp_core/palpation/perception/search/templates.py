@@ -18,6 +18,8 @@ from palp_core.units import Float64Array
 PAIRS = tuple((i, j) for i in range(4) for j in range(i, 4))
 """Pairs of a cell's four columns: signal, and its change over the cell across, along and in depth."""
 
+_FREQUENCIES = 400  # of stick-slip: so many that a lane does not tell them apart
+
 
 @dataclass(frozen=True, eq=False)
 class LaneAnswers:
@@ -73,7 +75,7 @@ class Fine:
         values = spline(answers.depths_m, values, axis=1)(depths_m)
         values = spline(past, values, axis=2)(finer)
         return cls(
-            values,
+            np.ascontiguousarray(values),
             float(beside_m[1]),
             float(depths_m[1] - depths_m[0]),
             float(depths_m[0]),
@@ -86,19 +88,22 @@ class Fine:
     ) -> Float64Array:
         """Return values of bins of lanes at a distance x (n,) from a bead at y, shape (n, b, c)."""
         many_s, many_d, many_u, many_c = self.values.shape
+        far = np.abs(x_m) > self.beside_m * (many_s - 1)
+        total = np.zeros((len(x_m), len(bins_m), many_c))
+        if far.all():
+            return total
         flat = self.values.reshape(-1, many_c)
         s, ds = _split(np.abs(x_m) / self.beside_m, many_s)
         d, dd = _split((depth_m - self.least_m) / self.depth_m, many_d)
         u, du = _split((bins_m[0] - y_m - self.first_m) / self.past_m, many_u)
         stride = round((bins_m[1] - bins_m[0]) / self.past_m)
         along = np.minimum(u[:, None] + stride * np.arange(len(bins_m)), many_u - 2)
-        total = np.zeros((len(s), len(bins_m), many_c))
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
             weight = np.where(i, ds, 1.0 - ds) * np.where(j, dd, 1.0 - dd)
             row = (((s + i) * many_d + d + j) * many_u)[:, None] + along
             total += (weight * (1.0 - du))[:, None, None] * flat[row]
             total += (weight * du)[:, None, None] * flat[row + 1]
-        total[np.abs(x_m) > self.beside_m * (many_s - 1)] = 0.0
+        total[far] = 0.0
         return total
 
 
@@ -141,6 +146,7 @@ class Level:
     def white(self) -> Float64Array:
         """Inverse of the Cholesky factor of a lane's noise, shape (b, b).
 
+        Stick-slip has a frequency between two ends, each as likely as the next, and any phase.
         Means over bins of a length w of a texture exp(-x^2 / 2 l^2) have about the variance l / sqrt(l^2 +
         w^2 / 6) and the length sqrt(l^2 + w^2 / 6).
         """
@@ -149,6 +155,8 @@ class Level:
         wide = settings.texture_length_m**2 + settings.cell_m**2 / 6.0
         texture = settings.texture_sd_n_m**2 * settings.texture_length_m / np.sqrt(wide)
         noise = texture * np.exp(-0.5 * apart_m**2 / wide) + settings.lane_sd_n_m**2
+        often = np.linspace(1.0 / settings.hum_m[1], 1.0 / settings.hum_m[0], _FREQUENCIES)
+        noise += settings.hum_sd_n_m**2 * np.cos(2.0 * np.pi * apart_m[..., None] * often).mean(axis=-1)
         noise += settings.white_sd_n_m**2 * np.eye(settings.bins)
         lower = np.linalg.cholesky(noise)
         return np.asarray(scipy.linalg.solve_triangular(lower, np.eye(settings.bins), lower=True))

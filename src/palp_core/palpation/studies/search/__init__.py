@@ -1,0 +1,1 @@
+"""Speed against accuracy of searches in the plane."""
