@@ -73,19 +73,6 @@ def _frontier_in(world: str) -> Iterator[Row]:
         yield reading, rule, *(f"{_accuracy(row)}, {float(row['seconds']):.1f}" for row in rows)
 
 
-def summary() -> Iterator[Row]:
-    """Yield the table of the README."""
-    yield "reading", "fixed", "human", "lab: fixed", "lab: human"
-    found, wanted = _frontier(), (READINGS[0], READINGS[3], READINGS[6])
-    for reading, _, scheme in wanted:
-        rows = [
-            found[world, scheme.format(policy)]
-            for world in ("paper", "lab")
-            for policy in ("fixed_best", "markov")
-        ]
-        yield reading, *(f"{_percent(row['accuracy'])} %, {float(row['seconds']):.1f} s" for row in rows)
-
-
 def speed() -> Iterator[Row]:
     """Yield the quickest way of each reading, in the lab's world."""
     yield "reading, policy, stop rule", "accuracy, %", "seconds"
@@ -262,7 +249,6 @@ def names(section: str) -> Iterator[Row]:
 
 
 TABLES: dict[str, Callable[[], Iterable[Row]]] = {
-    "summary": summary,
     "frontier_paper": lambda: _frontier_in("paper"),
     "frontier_lab": lambda: _frontier_in("lab"),
     "speed": speed,

@@ -14,6 +14,7 @@ from palp_core.palpation.studies.summary import Records, pareto_front
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 Limits = Mapping[str, Sequence[Sequence[float]]]
 _READINGS = {"peak": charts.VERMILION, "contrast": charts.GREEN, "trace": charts.BLUE}
@@ -121,22 +122,86 @@ def _mark(
 
 
 def _legend(figure: Figure) -> None:
-    from matplotlib.lines import Line2D
-
-    def sign(label: str, **look: Any) -> Line2D:
-        return Line2D([], [], label=label, **({"color": charts.GREY, "linestyle": ""} | look))
-
     shown = [
-        *(sign(name, color=colour, marker="o") for name, colour in _READINGS.items()),
-        *(sign(name.replace("_", " "), marker=form) for name, form in _POLICIES.items()),
-        sign("as published", marker="o", markerfacecolor="none"),
-        sign("swift", marker="o", markeredgecolor=charts.INK),
-        sign("too sure of itself", marker="x", color=charts.INK),
-        sign("the best found", linestyle="-"),
-        sign("Fano", linestyle=":", color=charts.INK),
-        sign("Wald", linestyle="--", color=charts.INK),
+        *(_sign(name, color=colour, marker="o") for name, colour in _READINGS.items()),
+        *(_sign(name.replace("_", " "), marker=form) for name, form in _POLICIES.items()),
+        _sign("as published", marker="o", markerfacecolor="none"),
+        _sign("swift", marker="o", markeredgecolor=charts.INK),
+        _sign("too sure of itself", marker="x", color=charts.INK),
+        _sign("the best found", linestyle="-"),
+        _sign("Fano", linestyle=":", color=charts.INK),
+        _sign("Wald", linestyle="--", color=charts.INK),
     ]
     charts.legend(figure, handles=shown, ncols=5, fontsize=7.5)
+
+
+def _sign(label: str, **look: Any) -> Line2D:
+    """Return a sign for a legend."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, **({"color": charts.GREY, "linestyle": ""} | look))
+
+
+SUMMARY = {
+    "peak, {}, paper": "peak",
+    "contrast, {}, threshold": "contrast",
+    "trace, {}, threshold, swift": "trace within the sweep",
+}
+"""Schemes that the summary shows, without their policy, and what they read."""
+_WORLDS = {"paper": "Simulated as in the paper", "lab": "With texture, wear, other phantoms"}
+
+
+def summary_chart(rows: Records) -> charts.Chart:
+    """Accuracy against seconds of three readings, with one fixed stiffness and with human stiffness."""
+    found = {(row["world"], row["scheme"]): row for row in rows}
+    worlds = list(dict.fromkeys(row["world"] for row in rows))
+    shown = [
+        (world, reading, [found[world, scheme.format(policy)] for policy in ("fixed_best", "markov")])
+        for world in worlds
+        for scheme, reading in SUMMARY.items()
+    ]
+
+    def draw(figure: Figure) -> None:
+        for axes, world in zip(figure.subplots(1, len(worlds), squeeze=False)[0], worlds, strict=True):
+            for own, _, pair in shown:
+                if own == world:
+                    _draw_pair(axes, pair)
+            axes.set_xlim(0.0, 36.0)
+            axes.set_ylim(62.0, 103.0)
+            charts.tidy(axes, _WORLDS.get(world, world), "seconds of the rig a trial", "depth found, %")
+        signs = [
+            *(_sign(name, color=_READINGS[name.partition(" ")[0]], marker="o") for name in SUMMARY.values()),
+            _sign("one fixed stiffness", marker=_POLICIES["fixed_best"]),
+            _sign("stiffness varied as people do", marker=_POLICIES["markov"]),
+        ]
+        charts.legend(figure, handles=signs, ncols=5, fontsize=7.5)
+
+    return charts.Chart(
+        "summary",
+        "What varying the stiffness gives",
+        "Fixed: the best of the stiffnesses. Bars: 95 % over sessions.",
+        3.4,
+        ["world", "reading", "policy", "seconds", "accuracy", "low", "high"],
+        [
+            [world, reading, row["policy"], row["seconds"], row["accuracy"], *row["ci"]]
+            for world, reading, pair in shown
+            for row in pair
+        ],
+        draw,
+    )
+
+
+def _draw_pair(axes: Axes, pair: Records) -> None:
+    """Draw a reading with fixed and with human stiffness, joined."""
+    colour = _READINGS[pair[0]["reading"]]
+    places = [(row["seconds"], 100.0 * row["accuracy"]) for row in pair]
+    axes.plot(*zip(*places, strict=True), "-", color=colour, linewidth=0.8, alpha=0.6)
+    for row, (x, y) in zip(pair, places, strict=True):
+        low, high = (100.0 * end for end in row["ci"])
+        axes.errorbar(
+            x, y, [[max(y - low, 0.0)], [max(high - y, 0.0)]], fmt=_POLICIES[row["policy"]], color=colour,
+            markersize=6, elinewidth=0.8,
+        )  # fmt: skip
 
 
 def threshold_chart(rows: Records) -> charts.Chart:

@@ -12,7 +12,7 @@ import numpy as np
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PosteriorThreshold
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
-from palp_core.palpation.studies.frontier.charts import frontier_chart, threshold_chart
+from palp_core.palpation.studies.frontier.charts import frontier_chart, summary_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
 from palp_core.palpation.studies.parallel import Runner, Seed
 from palp_core.palpation.studies.plan import SWIFT
@@ -175,6 +175,6 @@ def run(
         "depth_sessions": few,
         "depths": depths,
     }
-    charts = [frontier_chart(rows, depths, limits), threshold_chart(looked)]
+    charts = [summary_chart(rows), frontier_chart(rows, depths, limits), threshold_chart(looked)]
     tables = {"depths": depths}  # the charts write frontier.csv and thresholds.csv
     return publish(out, "frontier", charts, report=report, tables=tables, **report)
