@@ -36,7 +36,8 @@ class LoadReport(Message):
 class StageReport(Message):
     """Where the stage is and how it does; its heartbeat.
 
-    ``y_m`` and ``z_m`` were measured between ``asked_ns`` and ``answered_ns``; 0: they are not known.
+    ``y_m``, ``z_m`` and, across the sweep, ``x_m`` were measured between ``asked_ns`` and ``answered_ns``; 0:
+    they are not known.
     ``bring_up`` says that the next report may be long in coming: the stage homes. ``acknowledged_count`` is
     that of the last trip which the stage has left behind.
     """
@@ -52,6 +53,7 @@ class StageReport(Message):
     acknowledged_count: Count
     condition: str
     text: str = ""
+    x_m: Metres = 0.0
 
 
 class RingReport(Message):
@@ -105,6 +107,7 @@ class Trip(Message):
     stage_time_s: RatioArray
     y_m: MetresArray
     z_m: MetresArray
+    x_m: MetresArray
     ring_time_s: RatioArray
     ring_m: MetresArray
 

@@ -5,23 +5,31 @@ from palp_core.units import Count, HertzPositive, Metres, MetresArray, Nanosecon
 
 
 class SweepGoal(Message):
-    """Sweep once over an interval at the scanning speed, or stop where you are (``cancel``)."""
+    """Sweep once over an interval at the scanning speed, or stop where you are (``cancel``).
+
+    ``across_m`` is where the lane lies across the sweep: the stage goes there while the probe is raised.
+    """
 
     stamp_ns: Nanoseconds
     goal_id: Count
     from_m: Metres
     to_m: Metres
     cancel: bool = False
+    across_m: Metres = 0.0
 
 
 class StagePose(Message):
-    """Positions along the sweep at ``start_ns`` + i / rate, while the stage is over the phantom."""
+    """Positions along the sweep at ``start_ns`` + i / rate, while the stage is over the phantom.
+
+    ``across_m`` is where the stage was measured across the sweep last; 0 where it has two axes.
+    """
 
     stamp_ns: Nanoseconds
     goal_id: Count
     start_ns: Nanoseconds
     rate_hz: HertzPositive
     position_m: MetresArray
+    across_m: Metres = 0.0
 
 
 class SweepStatus(Message):

@@ -280,5 +280,6 @@ class RigStage(Stage):
                 acknowledged_count=self.state.acknowledged_count,
                 condition=condition,
                 text=text,
+                x_m=seen.x_m,
             )
         )

@@ -25,9 +25,9 @@ from palp_core.graph.node.node import Mistakes
 from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reconnection import Reconnection
-from palp_core.palpation.devices.protocols import StopLink
+from palp_core.palpation.devices.protocols import Direction, StopLink
 from palp_core.palpation.devices.registry import find_device_mistakes, open_stop_link, require_stop_link
-from palp_core.palpation.devices.safety.link_check import Direction, LinkCheck, StagePlace
+from palp_core.palpation.devices.safety.link_check import LinkCheck, StagePlace
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
 from palp_core.palpation.devices.safety.state_machine import SafetyState as Standing
@@ -106,6 +106,8 @@ class SafetyParams(Params):
     range_n: ReadOnly[NewtonsPositive] = RANGE_N
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
+    across_from_m: ReadOnly[Metres] = 0.0
+    across_to_m: ReadOnly[Metres] = 0.0
     margin_mm: ReadOnly[MillimetresNonNegative] = 4.0
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.050
@@ -125,7 +127,15 @@ def limits_of(p: SafetyParams) -> WatchLimits:
         wrench=WrenchLimits(
             p.warn_n_mm * 1e-3, p.stop_n_mm * 1e-3, p.warn_n, p.stop_n, p.range_n_mm * 1e-3, p.range_n
         ),
-        travel=TravelLimits.around(p.from_m, p.to_m, p.margin_mm * 1e-3, p.lift_mm * 1e-3, p.speed_m_s),
+        travel=TravelLimits.around(
+            p.from_m,
+            p.to_m,
+            p.margin_mm * 1e-3,
+            p.lift_mm * 1e-3,
+            p.speed_m_s,
+            across_m=(p.across_from_m, p.across_to_m),
+        ),
+        raised_m=p.lift_mm * 1e-3,
         following_m=p.following_mm * 1e-3,
         stale_s=p.stale_ms * 1e-3,
         beat_s=p.beat_ms * 1e-3,
@@ -153,7 +163,7 @@ class LastSecond:
         """Return the record of a trip."""
         loads, places, rings = (
             np.array([row for _, row in rows], dtype=np.float64).reshape(-1, width)
-            for rows, width in ((self.loads, 3), (self.places, 3), (self.rings, 2))
+            for rows, width in ((self.loads, 3), (self.places, 4), (self.rings, 2))
         )
         return Trip(
             stamp_ns=now_ns,
@@ -168,6 +178,7 @@ class LastSecond:
             stage_time_s=(places[:, 0] - now_ns) * 1e-9,
             y_m=places[:, 1],
             z_m=places[:, 2],
+            x_m=places[:, 3],
             ring_time_s=(rings[:, 0] - now_ns) * 1e-9,
             ring_m=rings[:, 1],
         )
@@ -188,7 +199,8 @@ class Safety(Node):
     moves = True
     same_params: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "stage": (
-            "device", "options", "from_m", "to_m", "margin_mm", "lift_mm", "speed_m_s", "beat_ms",
+            "device", "options", "from_m", "to_m", "across_from_m", "across_to_m", "margin_mm", "lift_mm",
+            "speed_m_s", "beat_ms",
         ),
         "ring": ("beat_ms",),
         "load": ("range_n_mm",),
@@ -276,14 +288,16 @@ class Safety(Node):
 
     @on(stage)
     def note_stage(self, report: StageReport) -> None:
-        row = (report.stamp_ns, report.y_m, report.z_m)
+        row = (report.stamp_ns, report.y_m, report.z_m, report.x_m)
         self.memory.add(self.memory.places, report.stamp_ns, *row)
         released = report.acknowledged_count == self.machine.acknowledged_count
         place = (report.stamp_ns, report.y_m, report.z_m, report.speed_m_s)
         words = report.condition, report.text
-        seen = WatchedStage(*place, report.moving, report.bring_up, released, *words)
+        seen = WatchedStage(*place, report.moving, report.bring_up, released, *words, report.x_m)
         self._judge(self.watchdog.check_stage(seen), report.stamp_ns)
-        self.check.note_stage(StagePlace(report.asked_ns, report.answered_ns, report.y_m, report.z_m))
+        self.check.note_stage(
+            StagePlace(report.asked_ns, report.answered_ns, report.y_m, report.z_m, report.x_m)
+        )
         self._judge_link(report.stamp_ns)
         self.moving = report.moving
         if report.stamp_ns <= self.stopped_ns:  # from before the stop was done
@@ -497,6 +511,7 @@ class Safety(Node):
                 text=self.check.result(direction),
             )
             for direction in DIRECTIONS
+            if direction != "x" or self.watchdog.limits.travel.across
         ]
         guarded_ns, text = (self.looked_ns, "its process is alive") if link.guarded else (0, "there is none")
         found.append(SafetyCheck(name="guard of own link", verified_ns=guarded_ns, text=text))

@@ -38,6 +38,8 @@ class StageParams(Params):
     ``scene`` is the scene file that says how deep the probe enters the gel (empty: the default scene), which
     ``lift_mm``, the height of the way back, must clear.
     ``device`` is the stage's driver, ``options`` what it takes beyond :class:`.StageOptions`.
+    ``across_from_m`` and ``across_to_m`` are the outermost lanes of sweeps, places across them, for a stage
+    with a third axis; both 0: it does not move across.
     ``within_sweep``: somebody acts on torque while a sweep lasts, for whom long blocks are late.
     """
 
@@ -51,6 +53,8 @@ class StageParams(Params):
     sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
+    across_from_m: ReadOnly[Metres] = 0.0
+    across_to_m: ReadOnly[Metres] = 0.0
     margin_mm: ReadOnly[MillimetresNonNegative] = 4.0
     speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.050
     lift_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
@@ -86,7 +90,25 @@ def device_options(params: StageParams) -> dict[str, Any]:
 def window_of(params: StageParams) -> TravelLimits:
     """Return where a stage may go and how fast, by the launch file."""
     margin_m, lift_m = params.margin_mm * 1e-3, params.lift_mm * 1e-3
-    return TravelLimits.around(params.from_m, params.to_m, margin_m, lift_m, params.speed_m_s)
+    across_m = params.across_from_m, params.across_to_m
+    return TravelLimits.around(
+        params.from_m, params.to_m, margin_m, lift_m, params.speed_m_s, across_m=across_m
+    )
+
+
+def open_stage(params: StageParams) -> StageDevice[Any]:
+    """Return the driver.
+
+    Raises:
+        DeviceError: An option is wrong, or lanes are given to a stage that does not move across.
+    """
+    device = open_device("stage", params.device, **driver_options(params))
+    if window_of(params).across and not device.moves_across:
+        raise DeviceError(
+            f"stage device '{params.device}' has two axes and cannot go from lane to lane; name a third axis"
+            " (of aerotech: axes, origin_m and sign of three), or leave across_from_m and across_to_m at 0"
+        )
+    return device
 
 
 def driver_options(params: StageParams) -> dict[str, Any]:
@@ -108,6 +130,7 @@ class StageState(DeviceNodeState):
     goal_id: int = 0
     from_m: float = 0.0
     to_m: float = 0.0
+    across_m: float = 0.0
     enter_ns: int = 0
     leave_ns: int = 0
     end_ns: int = 0
@@ -144,6 +167,9 @@ class Stage(DeviceNode):
             device_options(params)
         with mistakes.of("options"):
             find_device_mistakes("stage", params.device, driver_options(params), mistakes)
+        if not mistakes:
+            with mistakes.of("across_to_m"):
+                open_stage(params)
 
     def on_configure(self) -> None:
         self.make_device()
@@ -154,7 +180,7 @@ class Stage(DeviceNode):
     def make_device(self) -> None:
         params = self.params
         require_clearance(params)
-        self.device = open_device("stage", params.device, **driver_options(params))
+        self.device, self.window = open_stage(params), window_of(params)
 
     def on_activate(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
@@ -180,8 +206,9 @@ class Stage(DeviceNode):
         if state.activity != "ready" or not state.waiting:
             return
         goal = state.waiting.pop(0)
-        state.at_start = state.at_start and (goal.from_m, goal.to_m) == (state.from_m, state.to_m)
-        state.goal_id, state.from_m, state.to_m = goal.goal_id, goal.from_m, goal.to_m
+        lane, there = (goal.from_m, goal.to_m, goal.across_m), (state.from_m, state.to_m, state.across_m)
+        state.at_start = state.at_start and lane == there
+        state.goal_id, (state.from_m, state.to_m, state.across_m) = goal.goal_id, lane
         if state.at_start:
             self._sweep()
         else:
@@ -209,8 +236,10 @@ class Stage(DeviceNode):
 
     def _go_back(self) -> int:
         """Send the device to where the sweep starts; return the time of arrival in ns."""
+        self.window.check_across(self.state.across_m)
         start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
-        return int(self.device.return_to(start_m, self.now_ns(), self.memory))
+        lane = {"across_m": self.state.across_m} if self.window.across else {}
+        return int(self.device.return_to(start_m, self.now_ns(), self.memory, **lane))
 
     def _sweep(self) -> None:
         state = self.state
@@ -266,8 +295,12 @@ class Stage(DeviceNode):
                     start_ns=int(times_ns[0]),
                     rate_hz=self.params.rate_hz,
                     position_m=reading.y_m,
+                    across_m=self._measured_across_m(),
                 )
             )
+
+    def _measured_across_m(self) -> float:
+        return self.device.feedback(self.now_ns(), self.memory).x_m if self.window.across else 0.0
 
     def _end_sweep(self) -> None:
         self.block.stop()

@@ -17,7 +17,7 @@ KINDS = {
     "noraxon": "emg",
     "lsl": "emg",
 }
-STALE, LOST, GARBLED, FAULTY = "stale", "link lost", "garbled", "device fault"
+STALE, LOST, GARBLED, FAULTY, STOPPED = "stale", "link lost", "garbled", "device fault", "disabled"
 ITSELF, REOPEN, ACKNOWLEDGE = "itself", "reopen", "acknowledge"
 
 
@@ -64,6 +64,8 @@ FAULTS = [
     Fault("aerotech", "limit", "limit switch hit", ("limit",), 50, ACKNOWLEDGE, _AXIS),
     Fault("aerotech", "e-stop", "emergency stop", ("e-stop",), 50, ACKNOWLEDGE, _AXIS),
     Fault("aerotech", "stuck", "axis stuck (position error)", (FAULTY,), 50, ACKNOWLEDGE, _AXIS),
+    Fault("aerotech", "dropped", "probe drops on the way", (FAULTY,), 1500, ACKNOWLEDGE, _AXIS),
+    Fault("aerotech", "short", "height not reached", (STOPPED,), 3500, ACKNOWLEDGE, _AXIS),
     Fault("maestro", "garbage", "garbage", (GARBLED, STALE), 400, ITSELF, _LINK),
     Fault("maestro", "truncation", "truncated answers", (STALE,), 400, ITSELF, _LINK),
     Fault("maestro", "delay", _delay(0.5), (STALE,), 400, ITSELF, _LINK, value=0.5),

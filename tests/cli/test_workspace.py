@@ -60,7 +60,7 @@ def test_a_workspace_runs_checks_and_tests_as_it_is_with_all_that_can_be_added(
     checked = check_file("launch/demo.yaml")
     assert [spec.name for spec in checked.nodes] == ["sensor", "average"]
     assert palp.run("launch", "launch/demo.yaml", "count:=20").returncode == 0
-    assert "32 passed" in tool(at / "lab", "pytest", "-q")
+    assert "33 passed" in tool(at / "lab", "pytest", "-q")
     assert "All checks passed!" in tool(at / "lab", "ruff", "check", ".")
     tool(at / "lab", "ruff", "format", "--check", ".")
 

@@ -16,6 +16,7 @@ from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import Condition, DeviceHealth
+from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.protocols import StageFeedback
 from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M
 from palp_core.palpation.devices.sim.stage import SimStage
@@ -312,6 +313,49 @@ def test_a_cancel_that_comes_after_the_sweep_changes_nothing(permitted: Permitte
     permitted.run(5.0)
     assert permitted.words[-2:] == ["swept", "ready"]
     assert "stop" not in permitted.device.calls
+
+
+LANES: dict[str, Any] = {"across_from_m": 0.0, "across_to_m": 0.016}
+
+
+def test_goals_on_other_lanes_are_swept_there_and_one_beyond_them_halts_the_stage(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    permitted = Permitted(monkeypatch, **LANES)
+    permitted.device.sim = SimStage(limits=TravelLimits(x_m=(-0.004, 0.020)))
+    lane = msgspec.structs.replace(GOAL, across_m=0.016)
+    permitted.bench.feed(RigStage.goal, lane)
+    permitted.run(12.0)
+    assert permitted.words == ["ready", "sweeping", "swept", "ready"]
+    assert {pose.across_m for pose in permitted.bench.sent(RigStage.pose)} == {0.016}
+    crossing = [seen for seen in permitted.bench.sent(RigStage.report) if 1e-4 < seen.x_m < 0.0159]
+    assert crossing
+    assert min(seen.z_m for seen in crossing) == pytest.approx(permitted.device.sim.lift_m)
+    permitted.device.calls.clear()
+    permitted.bench.feed(RigStage.goal, msgspec.structs.replace(lane, goal_id=2, across_m=0.0205))
+    permitted.run(0.5)
+    assert permitted.device.calls == ["stop"]
+    assert permitted.report.condition == "device fault"
+    assert "across_m = 0.0205 must lie in [-0.004, 0.02]" in permitted.report.text
+    assert permitted.words[-1] == "cancelled"
+
+
+def test_a_stage_without_lanes_refuses_a_goal_across(permitted: Permitted) -> None:
+    permitted.bench.feed(RigStage.goal, msgspec.structs.replace(GOAL, across_m=1e-6))
+    permitted.run(0.5)
+    assert permitted.device.calls == ["open", "stop"]
+    assert "name its third axis" in permitted.report.text
+
+
+def test_lanes_of_a_stage_with_two_axes_are_refused_at_the_check() -> None:
+    given: dict[str, Any] = {"device": "aerotech", "options": {"url": "nowhere"}}
+    three = {"axes": ["X", "Y", "Z"], "origin_m": [0.0] * 3, "sign": [1] * 3}
+    guilty = RigStage.examine(RigStageParams(**given, **LANES))
+    assert "'aerotech' has two axes and cannot go from lane to lane" in guilty["across_to_m"]
+    with pytest.raises(NodeError, match="cannot go from lane to lane"):
+        Bench(RigStage, {**given, **LANES})
+    given["options"] |= three
+    assert RigStage.examine(RigStageParams(**given, **LANES)) == {}
 
 
 def test_a_lost_link_at_the_end_is_no_failure(permitted: Permitted) -> None:

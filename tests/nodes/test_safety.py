@@ -200,7 +200,7 @@ def test_a_trip_is_published_with_its_cause_and_the_last_second(watched: Watched
     assert trip.torque_n_m[-1] == 0.101
     assert -1.01 <= trip.load_time_s[0] < -0.98
     assert len(trip.load_time_s) == pytest.approx(200, abs=3)
-    assert len(trip.y_m) == len(trip.stage_time_s) == pytest.approx(200, abs=3)
+    assert len(trip.y_m) == len(trip.x_m) == len(trip.stage_time_s) == pytest.approx(200, abs=3)
     assert trip.ring_m[-1] == 0.008
     assert (trip.written_ns, trip.disabled_ns) == (1, 2)
 
@@ -262,6 +262,7 @@ def link_says(**report: Any) -> Deed:
     ("cause", "deed"),
     [
         ("travel", lambda watched: setattr(watched, "y_m", 0.056)),
+        ("travel", lambda watched: watched.see(x_m=0.001)),  # across, with two axes
         ("axis fault", link_says(fault=Fault.E_STOP.words, enabled=False)),
         ("following error", link_says(moving=True, following_m=0.6e-3)),
         ("stale", lambda watched: watched.load(sample_ns=watched.now_ns + 10_000_000_000)),  # from the future

@@ -195,6 +195,15 @@ def test_no_sweep_is_permitted_before_the_own_link_has_followed_the_stage(watche
     assert unverified[:2] == ["own link, z", "emergency stop"]
 
 
+@pytest.mark.parametrize(("lanes", "directions"), [({}, "yz"), ({"across_to_m": 0.016}, "yzx")])
+def test_the_status_names_the_third_axis_of_a_rig_that_has_one(
+    monkeypatch: pytest.MonkeyPatch, lanes: dict[str, float], directions: str
+) -> None:
+    checks = Watched(monkeypatch, **lanes).status.checks
+    links = [check.name for check in checks if check.name.startswith("own link")]
+    assert links == [f"own link, {direction}" for direction in directions]
+
+
 @pytest.mark.parametrize("moves", ["the stage", "the other controller"])
 def test_a_link_that_rests_while_the_stage_moves_trips_and_so_the_other_way_round(
     watched: Watched, moves: str

@@ -99,6 +99,22 @@ def test_another_sweep_is_reached_by_the_other_path_first() -> None:
     )
 
 
+def test_another_lane_is_reached_raised_and_the_same_lane_again_at_once() -> None:
+    bench = Bench(Stage, {"across_to_m": 0.016})
+    for goal_id, across_m in ((1, 0.0), (2, 0.016), (3, 0.016)):
+        bench.feed(
+            Stage.goal,
+            SweepGoal(stamp_ns=0, goal_id=goal_id, from_m=FROM_M, to_m=TO_M, across_m=across_m),
+        )
+        bench.advance(20.0)
+    assert words(bench) == ["sweeping", "swept", "ready"] * 3
+    lanes = {(pose.goal_id, pose.across_m) for pose in bench.sent(Stage.pose)}
+    assert lanes == {(1, 0.0), (2, 0.016), (3, 0.016)}
+    begun_ns = [status.stamp_ns for status in bench.sent(Stage.status) if status.status == "sweeping"]
+    assert begun_ns[2] == 40_000_000_000
+    assert begun_ns[1] > 20_300_000_000
+
+
 def test_a_goal_that_comes_while_another_is_under_way_waits_for_its_end() -> None:
     bench = Bench(Stage)
     bench.feed(Stage.goal, goal(1))

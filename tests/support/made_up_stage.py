@@ -72,6 +72,7 @@ class MadeUpStage:
     LINK: ClassVar[str] = "made up"
     ADDRESS: ClassVar[str] = "port:=7"
     state_type: ClassVar[type[MadeUpState]] = MadeUpState
+    moves_across: ClassVar[bool] = False
 
     port: int
     limits: TravelLimits = field(default_factory=TravelLimits)
@@ -107,7 +108,16 @@ class MadeUpStage:
         lead_ns = round(1e-3 / self.sweep_speed_m_per_s * 1e9)
         return SweepTimes(now_ns + lead_ns, end_ns - lead_ns, end_ns)
 
-    def return_to(self, y_m: float, now_ns: int, state: MadeUpState, *, height_m: float = 0.0) -> int:
+    def return_to(
+        self,
+        y_m: float,
+        now_ns: int,
+        state: MadeUpState,
+        *,
+        height_m: float = 0.0,
+        across_m: float | None = None,
+    ) -> int:
+        self.limits.check_across(across_m or 0.0)
         return self._go(y_m, height_m, now_ns, state)
 
     def retreat(self, speed_m_per_s: float, now_ns: int, state: MadeUpState) -> int:

@@ -39,8 +39,19 @@ EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cu
 }
 
 
+ACROSS: dict[str, dict[str, Any]] = {  # a stage with a third axis, which counts backwards
+    "sim": {"limits": {"x_m": [-0.01, 0.01]}},
+    "aerotech": {
+        "limits": {"x_m": [-0.01, 0.01]},
+        "axes": ["X", "Y", "Z"],
+        "origin_m": [0.0, 0.0, 0.001],
+        "sign": [1, 1, -1],
+    },
+}
+
+
 class Known:
-    """Has every known device of a kind as the subject."""
+    """Has every known device of a kind as the subject; of stages those with a third axis, too."""
 
     kind: str
 
@@ -51,11 +62,12 @@ class Known:
         quick_rig: Callable[..., EmulatedRig],
         patient: dict[str, dict[str, Any]],
     ) -> Iterator[Subject]:
-        kind, name = self.kind, request.param
+        kind, (name, *across) = self.kind, request.param.split()
+        more = ACROSS[name] if across else {}
         if name == "sim":
-            made = Subject(kind, name, SIM_OPTIONS.get(kind, {}), simulated=True)
+            made = Subject(kind, name, SIM_OPTIONS.get(kind, {}) | more, simulated=True)
         else:
-            options = quick_rig(name).options[name] | patient[name] | EMULATED_OPTIONS.get(kind, {})
+            options = quick_rig(name).options[name] | patient[name] | EMULATED_OPTIONS.get(kind, {}) | more
             made = Subject(kind, name, options, patience_s=120.0)
         with made:
             yield made
@@ -68,6 +80,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
             pytest.param(name, marks=[without_lsl] if name == "lsl" else [])
             for name in known_devices(metafunc.cls.kind)
         ]
+        if metafunc.cls.kind == "stage":
+            devices += [pytest.param(f"{name} across") for name in ACROSS]
         metafunc.parametrize("subject", devices, indirect=True)
 
 

@@ -32,14 +32,14 @@ places = st.one_of(numbers, st.floats(-0.06, 0.06))
 
 
 @settings(deadline=None, max_examples=50)
-@given(axis=st.sampled_from("yz"), from_m=places, to_m=places, speed=numbers)
+@given(axis=st.sampled_from("yzx"), from_m=places, to_m=places, speed=numbers)
 @example("y", 0.0501, 0.0, 0.01)
 @example("z", -0.0002, 0.0, 0.01)
 def test_no_move_leaves_the_window_or_begins_outside_of_it(
     axis: str, from_m: float, to_m: float, speed: float
 ) -> None:
-    limits = TravelLimits(y_m=(-0.03, 0.05))
-    low_m, high_m = limits.y_m if axis == "y" else limits.z_m
+    limits = TravelLimits(y_m=(-0.03, 0.05), x_m=(-0.01, 0.02))
+    low_m, high_m = getattr(limits, f"{axis}_m")
     try:
         limits.check(axis, from_m, to_m, speed)
     except DeviceError:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import welch
 
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.protocols import EmgSamples, TorqueSamples
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
@@ -77,6 +78,23 @@ def test_the_return_is_raised_before_it_goes_back() -> None:
     assert where(stage, end_ns, state) == pytest.approx((-0.03, 0.0), abs=1e-12)
     assert np.abs(np.diff(path.y_m)).max() <= stage.return_speed_m_per_s * 1e-3 + 1e-9
     assert np.abs(np.diff(path.z_m)).max() <= stage.lift_speed_m_per_s * 1e-3 + 1e-9
+
+
+def test_it_goes_across_raised_and_stops_there_when_it_must() -> None:
+    stage = SimStage(limits=TravelLimits(x_m=(0.0, 0.016)), resolution_m=0.0)
+    state, now_ns = at_the_start(stage)
+    end_ns = stage.return_to(0.01, now_ns, state, across_m=0.016)
+    seen = [stage.feedback(at, state) for at in range(now_ns, end_ns, 5_000_000)]
+    crossing = [here for here in seen if 0.0 < here.x_m < 0.016]
+    assert len(crossing) > 50
+    assert {here.z_m for here in crossing} == {stage.lift_m}
+    halfway_ns = next(now_ns + 5_000_000 * k for k, here in enumerate(seen) if here.x_m > 0.008)
+    rest_ns = stage.stop(halfway_ns, state)
+    rest = stage.feedback(rest_ns, state)
+    assert rest.x_m - stage.feedback(halfway_ns, state).x_m == pytest.approx(0.05**2 / 2.0, rel=1e-3)
+    assert (rest.moving, rest.z_m) == (False, stage.lift_m)
+    end_ns = stage.return_to(0.0, rest_ns, state)
+    assert stage.feedback(end_ns, state).x_m == rest.x_m
 
 
 def test_positions_come_in_steps_of_the_resolution() -> None:

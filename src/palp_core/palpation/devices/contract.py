@@ -227,6 +227,30 @@ class StageContract(MoverContract):
             measured = 0 < here.asked_ns <= here.answered_ns <= subject.now()
             assert measured, f"it was measured from {here.asked_ns} to {here.answered_ns} ns, not before now"
 
+    def test_a_stage_goes_across_only_while_it_is_raised(self, subject: Subject) -> None:
+        """The height is measured. A place outside the limits is refused; so is any without a third axis."""
+        subject.call("open")
+        low_m, high_m = subject.device.limits.x_m
+        for target_m in (low_m - 0.001, high_m + 0.001, float("nan")):
+            with _refused("across_m", f"a place across of {target_m} m"):
+                subject.call("return_to", 0.0, across_m=target_m)
+        if not subject.device.moves_across or low_m == high_m:
+            return
+        to_m, seen = min(high_m, 0.002), []
+        subject.move("return_to", 0.0)
+        subject.call("return_to", 0.001, across_m=to_m)
+
+        def rests() -> bool:
+            subject.sim_ns += 10_000_000
+            seen.append(subject.call("feedback"))
+            return not seen[-1].moving
+
+        subject.until(rests, "the stage to stand still")
+        heights_m = [here.z_m for here in seen if 1e-4 < here.x_m < to_m - 1e-4]
+        assert heights_m, f"it was never seen on its way across: {seen[-1]}"
+        _near(heights_m, np.full(len(heights_m), subject.device.lift_m), 2e-4, "height on the way across, m")
+        _near((seen[-1].y_m, seen[-1].z_m, seen[-1].x_m), (0.001, 0.0, to_m), 1e-4, "where it is, m")
+
     def test_a_stage_refuses_what_leaves_its_window(self, subject: Subject) -> None:
         """The stage also refuses a sweep from a position where no sweep begins."""
         subject.call("open")

@@ -39,6 +39,7 @@ class TravelLimits:
     Attributes:
         y_m: Window along the sweep (the scene's path and a margin).
         z_m: Window above the scanning height.
+        x_m: Window across the sweep; nothing but 0: the stage does not move across.
         speed_m_per_s: Fastest move, until the stage's variant is known.
 
     Raises:
@@ -47,22 +48,40 @@ class TravelLimits:
 
     y_m: tuple[float, float] = (-0.055, 0.055)
     z_m: tuple[float, float] = (0.0, 0.055)
+    x_m: tuple[float, float] = (0.0, 0.0)
     speed_m_per_s: float = 0.050
 
     def __post_init__(self) -> None:
-        for name, (low, high) in (("y_m", self.y_m), ("z_m", self.z_m)):
+        for name, (low, high) in (("y_m", self.y_m), ("z_m", self.z_m), ("x_m", self.x_m)):
             check_range("stage", f"{name} low", low, -1.0, 1.0)
             check_range("stage", f"{name} high", high, low, 1.0)
         check_range("stage", "speed_m_per_s", self.speed_m_per_s, 1e-6, 0.350)
 
+    @property
+    def across(self) -> bool:
+        """Whether the stage moves across the sweep."""
+        return self.x_m != (0.0, 0.0)
+
     @classmethod
     def around(
-        cls, from_m: float, to_m: float, margin_m: float, lift_m: float, speed_m_per_s: float = 0.050
+        cls,
+        from_m: float,
+        to_m: float,
+        margin_m: float,
+        lift_m: float,
+        speed_m_per_s: float = 0.050,
+        *,
+        across_m: tuple[float, float] = (0.0, 0.0),
     ) -> Self:
-        """Return the window of a sweep: its path, the place of rest at 0, and a margin but for downwards."""
+        """Return the window of sweeps: their path, the place of rest at 0, and a margin but for downwards.
+
+        ``across_m`` is where the outermost lanes lie across the sweep; both 0: it does not move across.
+        """
         check_range("stage", "margin_m", margin_m, 0.0, 0.1)
         low, high = min(from_m, to_m, 0.0) - margin_m, max(from_m, to_m, 0.0) + margin_m
-        return cls((low, high), (0.0, lift_m + margin_m), speed_m_per_s)
+        left_m, right_m = min(*across_m, 0.0), max(*across_m, 0.0)
+        x_m = (left_m - margin_m, right_m + margin_m) if left_m < right_m else (0.0, 0.0)
+        return cls((low, high), (0.0, lift_m + margin_m), x_m, speed_m_per_s)
 
     def sweep_end(
         self, y_m: float, z_m: float, from_m: float, to_m: float, run_up_m: float, there_m: float
@@ -87,9 +106,18 @@ class TravelLimits:
             )
         return end_m
 
+    def check_across(self, across_m: float) -> None:
+        """Refuse a place across the sweep outside of the window, or any but 0 without a third axis."""
+        if across_m != 0.0 and not self.across:
+            raise DeviceError(
+                f"stage: across_m = {across_m:.9g}: it moves along the sweep and up only; name its third"
+                " axis, and give across_from_m and across_to_m to the nodes stage and safety"
+            )
+        check_range("stage", "across_m", across_m, *self.x_m)
+
     def check(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> None:
         """Refuse a straight move that leaves the window anywhere, or is too fast."""
-        low, high = self.y_m if axis == "y" else self.z_m
+        low, high = {"y": self.y_m, "z": self.z_m, "x": self.x_m}[axis]
         slack_m = 50e-6  # a feedback that jitters about the window's edge
         check_range("stage", f"{axis} of the start of a move, m", from_m, low - slack_m, high + slack_m)
         check_range("stage", f"{axis} of the end of a move, m", to_m, low, high)

@@ -26,6 +26,8 @@ from palp_core.units import Float64Array
 
 Int64Array = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Direction = Literal["y", "z", "x"]
+"""Ways of a stage: along the sweep, up, across the sweep."""
 S = TypeVar("S")
 
 
@@ -135,9 +137,9 @@ class EmgSamples:
 
 
 class StageFeedback(NamedTuple):
-    """Where the stage was measured last, the larger of its speeds, and whether a path is under way.
+    """Where the stage was measured last, the largest of its speeds, and whether a path is under way.
 
-    Both places were measured between ``asked_ns`` and ``answered_ns``.
+    All places were measured between ``asked_ns`` and ``answered_ns``; ``x_m`` is across the sweep.
     """
 
     y_m: float
@@ -146,6 +148,7 @@ class StageFeedback(NamedTuple):
     moving: bool
     asked_ns: int
     answered_ns: int
+    x_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ class AxisReport:
     """
 
     axis: str
-    direction: Literal["y", "z"]
+    direction: Direction
     fault: str
     moving: bool
     enabled: bool
@@ -293,6 +296,10 @@ class StageDevice(Mover[S], Protocol[S]):
     """
 
     @property
+    def moves_across(self) -> bool:
+        """Whether it has a third axis, x, across the sweep."""
+
+    @property
     def stop_link(self) -> OpenStopLink | None:
         """What opens a second link to its controller; None: it has no second link."""
 
@@ -302,8 +309,20 @@ class StageDevice(Mover[S], Protocol[S]):
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: S) -> SweepTimes:
         """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``."""
 
-    def return_to(self, y_m: float, now_ns: int, state: S, *, height_m: float = 0.0) -> int:
-        """Raise, go to ``y_m``, lower to ``height_m`` above a sweep; return the time of arrival in ns."""
+    def return_to(
+        self, y_m: float, now_ns: int, state: S, *, height_m: float = 0.0, across_m: float | None = None
+    ) -> int:
+        """Raise, go across to ``across_m`` and along to ``y_m``, lower to ``height_m`` above a sweep.
+
+        It goes sideways only while the height that is **measured** is that of the way back. None: it stays
+        where it is across.
+
+        Returns:
+            Time of arrival, ns.
+
+        Raises:
+            DeviceError: A place is outside of the limits, as any place across but 0 is without a third axis.
+        """
 
     def retreat(self, speed_m_per_s: float, now_ns: int, state: S) -> int:
         """Raise the probe where it is; return the time of arrival in ns."""

@@ -49,6 +49,7 @@ def test_a_load_that_must_not_be_names_its_cause(load: WatchedLoad, cause: Cause
         (replace(PLACE, y_m=-0.0346), Cause.TRAVEL),
         (replace(PLACE, z_m=-0.0006), Cause.TRAVEL),
         (replace(PLACE, z_m=0.0246), Cause.TRAVEL),
+        (replace(PLACE, x_m=0.0006), Cause.TRAVEL),
         (replace(PLACE, speed_m_per_s=0.063), Cause.SPEED),
         (replace(PLACE, speed_m_per_s=float("nan")), Cause.SPEED),
         (replace(PLACE, condition="limit"), Cause.AXIS_FAULT),
@@ -63,6 +64,26 @@ def test_a_stage_that_is_not_as_it_should_be_names_its_cause(place: WatchedStage
 def test_the_driver_stops_before_the_watch_does() -> None:
     for y_m in WINDOW.y_m:
         assert watchdog().check_stage(replace(PLACE, y_m=y_m)) == []
+
+
+@pytest.mark.parametrize(
+    ("places_mm", "trips"),  # (z, x) of reports one after another, raised from 20 mm on
+    [
+        ([(0.0, 0.0), (20.0, 0.0), (20.0, 8.0), (19.6, 16.0), (0.0, 16.0), (0.0, 16.4)], False),
+        ([(0.0, 0.0), (0.0, 0.6)], True),
+        ([(20.0, 0.0), (20.0, 8.0), (19.4, 8.0), (19.4, 8.6)], True),
+        ([(20.0, 0.0), (0.0, 16.0), (0.0, 15.4)], True),
+    ],
+)
+def test_a_stage_that_moves_across_while_it_is_lowered_trips(
+    places_mm: list[tuple[float, float]], trips: bool
+) -> None:
+    dog = Watchdog(WatchLimits(travel=TravelLimits.around(-0.03, 0.05, 0.004, 0.020, across_m=(0.0, 0.016))))
+    found = [dog.check_stage(replace(PLACE, z_m=z * 1e-3, x_m=x * 1e-3)) for z, x in places_mm]
+    assert found[:-1] == [[]] * (len(places_mm) - 1)
+    assert [violation.cause for violation in found[-1]] == [Cause.TRAVEL] * trips
+    dog.arm()
+    assert dog.check_stage(replace(PLACE, x_m=0.010)) == []
 
 
 def test_a_ring_is_judged_by_its_condition_and_an_axis_by_its_fault_and_how_it_follows() -> None:
@@ -232,6 +253,10 @@ def test_the_window_is_the_path_and_a_margin() -> None:
     assert WINDOW.y_m == pytest.approx((-0.034, 0.054))
     assert WINDOW.z_m == pytest.approx((0.0, 0.024))
     assert TravelLimits.around(0.02, 0.01, 0.004, 0.005).y_m == pytest.approx((-0.004, 0.024))
+    assert WINDOW.x_m == (0.0, 0.0)
+    assert not WINDOW.across
+    lanes = TravelLimits.around(-0.03, 0.05, 0.004, 0.020, across_m=(0.016, -0.032))
+    assert lanes.x_m == pytest.approx((-0.036, 0.020))
 
 
 def test_stamps_from_the_future_do_not_hide_silence() -> None:

@@ -20,15 +20,17 @@ class Aerotech:
     def __init__(
         self,
         axes: Axes,
-        names: tuple[str, str] = ("X", "Y"),
+        names: tuple[str, ...] = ("X", "Y", "Z"),
         *,
         always_end: bool = True,
         refuses_beyond: bool = True,
     ) -> None:
         self.greeting, self.ready_ns = b"", 0
         self._log, self._client = axes.log, next(_CLIENTS)
-        self._axes: dict[str, Axis] = {names[0]: axes.y, names[1]: axes.z, "@0": axes.y, "@1": axes.z}
-        self._end = b"\n" if always_end else b""
+        numbered = list(enumerate(zip(names, (axes.y, axes.z, axes.x), strict=True)))
+        self._axes: dict[str, Axis] = {name: axis for _, (name, axis) in numbered}
+        self._axes |= {f"@{number}": axis for number, (_, axis) in numbered}
+        self._lift, self._end = axes.z, b"\n" if always_end else b""
         self._refuses_beyond = refuses_beyond
         self._rest = b""
 
@@ -139,6 +141,8 @@ class Aerotech:
             if not axis.inside(target_m + (axis.position_m(now_ns) if verb == "MOVEINC" else 0.0)):
                 axis.enabled = False
                 return not self._refuses_beyond
+        if any(axis is not self._lift for axis, *_ in moves):
+            self._lift.fall(0.0, now_ns)
         for axis, target_m, speed in moves:
             axis.move(target_m + (axis.position_m(now_ns) if verb == "MOVEINC" else 0.0), speed, now_ns)
         return True

@@ -43,6 +43,8 @@ class Axis:
     fault: int = 0
     estop: bool = False
     stuck: bool = False
+    short: bool = False
+    slips: bool = False
     profile: MotionProfile = field(default_factory=lambda: MotionProfile(0.0, 0.0, 1.0, 1.0, 0))
 
     def __post_init__(self) -> None:
@@ -96,11 +98,13 @@ class Axis:
         return False
 
     def move(self, target_m: float, speed_m_per_s: float, now_ns: int) -> None:
-        """Begin a move; a stuck axis ends it with a position error."""
+        """Begin a move; a stuck axis ends it with a position error, a short one half-way without any."""
         if self.stuck:
             self.trip(Fault.POSITION_ERROR, now_ns)
             return
         start_m = self.position_m(now_ns)
+        if self.short:
+            target_m = 0.5 * (start_m + target_m)
         self.profile = MotionProfile(
             start_m, target_m, max(speed_m_per_s, 1e-6), self.settings.ramp_m_per_s2, now_ns
         )
@@ -115,6 +119,12 @@ class Axis:
         self.fault |= fault
         self.abort(now_ns)
         self.enabled = False
+
+    def fall(self, to_m: float, now_ns: int) -> None:
+        """Sink to a place by itself, at 50 mm/s, if it slips; only an abort ends that earlier."""
+        if not self.slips:
+            return
+        self.profile = MotionProfile(self.position_m(now_ns), to_m, 0.05, self.settings.ramp_m_per_s2, now_ns)
 
     def status(self, now_ns: int) -> int:
         """Return the AXISSTATUS word as the signed number that the controller prints."""
@@ -158,8 +168,9 @@ class Axis:
 
 @dataclass
 class Axes:
-    """The two axes of the stage, which every client of its controller commands."""
+    """The axes of the stage, which every client of its controller commands."""
 
     y: Axis
     z: Axis
+    x: Axis = field(default_factory=lambda: Axis(AxisSettings()))
     log: deque[tuple[int, int, str]] = field(default_factory=lambda: deque(maxlen=_LOG_LENGTH))

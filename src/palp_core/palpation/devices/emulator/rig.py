@@ -32,7 +32,7 @@ DEVICES = ("aerotech", "maestro", "ati", "noraxon", "lsl")
 T = TypeVar("T")
 _FOR_EVER = 1 << 60
 _DEVICE_FAULTS = {
-    "aerotech": ("limit", "e-stop", "stuck"),
+    "aerotech": ("limit", "e-stop", "stuck", "dropped", "short"),
     "maestro": (*CHECKED_FAULTS, "stalled"),
     "ati": ("saturated", "status"),
 }
@@ -46,6 +46,7 @@ class RigSettings:
         contact: What the probe touches.
         y_axis: The axis along the sweep.
         z_axis: The axis that lifts the probe.
+        x_axis: The axis across the sweep.
         ring: The actuator; its speed is the controller's.
         torque: Noise and drift of the sensor; steps and range are those of its gauges.
         force_noise_sd_n: Noise of each force (assumed: one step of the sensor's resolution).
@@ -65,6 +66,7 @@ class RigSettings:
     contact: ContactSettings = field(default_factory=ContactSettings)
     y_axis: AxisSettings = field(default_factory=AxisSettings)
     z_axis: AxisSettings = field(default_factory=lambda: AxisSettings(soft_low_m=-0.001))
+    x_axis: AxisSettings = field(default_factory=AxisSettings)
     ring: SimRing = field(default_factory=SimRing)
     torque: SimTorque = field(default_factory=SimTorque)
     force_noise_sd_n: float = FORCE_RESOLUTION_N
@@ -117,7 +119,7 @@ class EmulatedRig:
                 f"emulator: no device {', '.join(sorted(unknown))}; known: {', '.join(DEVICES)}"
             )
         given = self.settings
-        self.axes = Axes(Axis(given.y_axis), Axis(given.z_axis))
+        self.axes = Axes(Axis(given.y_axis), Axis(given.z_axis), Axis(given.x_axis))
         self.rod = EmulatedRod(given.ring, given.seed)
         self.contact = ProbeContact(
             given.contact, self.axes, self.rod, given.seed, ahead="ati" in self._devices
@@ -220,6 +222,7 @@ class EmulatedRig:
         return {
             "y_m": self.axes.y.position_m(now_ns),
             "z_m": self.axes.z.position_m(now_ns),
+            "x_m": self.axes.x.position_m(now_ns),
             "ring_m": self.rod.ring_m(now_ns),
             "torque_n_m": self.contact.loads(now_ns)[2],
         }
@@ -280,7 +283,7 @@ class EmulatedRig:
         return outlet, lambda: {"stream": name, "rate_hz": EMG_HZ}
 
     def _inject_fault(self, name: str, value: float) -> None:
-        now_ns, axes = self.loop.now_ns(), (self.axes.y, self.axes.z)
+        now_ns, axes = self.loop.now_ns(), (self.axes.y, self.axes.z, self.axes.x)
         match name:
             case "limit":
                 self.axes.y.trip(aerotech_wire.Fault.CW_END_OF_TRAVEL, now_ns)
@@ -293,6 +296,12 @@ class EmulatedRig:
                     axis.stuck = True
                     if axis.moving(now_ns):
                         axis.trip(aerotech_wire.Fault.POSITION_ERROR, now_ns)
+            case "dropped":
+                self.axes.z.slips = True
+                if any(axis.moving(now_ns) for axis in (self.axes.y, self.axes.x)):
+                    self.axes.z.fall(0.0, now_ns)
+            case "short":
+                self.axes.z.short = True
             case "stalled":
                 self.rod.stall(now_ns)
             case "saturated":
@@ -302,8 +311,8 @@ class EmulatedRig:
 
     def _undo_fault(self, device: str) -> None:
         if device == "aerotech":
-            for axis in (self.axes.y, self.axes.z):
-                axis.estop = axis.stuck = False
+            for axis in (self.axes.y, self.axes.z, self.axes.x):
+                axis.estop = axis.stuck = axis.short = axis.slips = False
         elif device == "maestro":
             self.rod.stalled = False
         elif device == "ati":

@@ -2,9 +2,9 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-from palp_core.palpation.devices.protocols import AxisReport
+from palp_core.palpation.devices.protocols import AxisReport, Direction
 
 CHECK_MOVE_M = 3e-3
 """A move of the stage, above the phantom, that shows whether the link follows it."""
@@ -14,8 +14,6 @@ _APART_M = 0.5e-3  # assumed: the same encoder is read twice
 _CLOCKS_NS = 5_000_000  # how far the two processes' estimates of the graph's time may be apart
 _KEPT = 1000  # places of the stage; 20 s at 50 Hz
 
-Direction = Literal["y", "z"]
-
 
 class StagePlace(NamedTuple):
     """Where the stage's node has seen the stage, and between which times."""
@@ -24,6 +22,11 @@ class StagePlace(NamedTuple):
     answered_ns: int
     y_m: float
     z_m: float
+    x_m: float = 0.0
+
+    def at_m(self, direction: Direction) -> float:
+        """Return its place in a direction."""
+        return {"y": self.y_m, "z": self.z_m, "x": self.x_m}[direction]
 
 
 @dataclass
@@ -101,7 +104,7 @@ class LinkCheck:
 
     def _judge(self, report: AxisReport, before: StagePlace, after: StagePlace) -> None:
         direction, at_m = report.direction, report.position_m
-        ends_m = (before.y_m, after.y_m) if direction == "y" else (before.z_m, after.z_m)
+        ends_m = before.at_m(direction), after.at_m(direction)
         span_s = (after.answered_ns - before.asked_ns + _CLOCKS_NS) * 1e-9
         beyond_m = 0.5 * max(0.0, self._speed_m_per_s * span_s - abs(ends_m[1] - ends_m[0])) + _APART_M
         if not min(ends_m) - beyond_m <= at_m <= max(ends_m) + beyond_m:

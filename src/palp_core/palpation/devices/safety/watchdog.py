@@ -27,7 +27,9 @@ class WatchLimits:
     Attributes:
         wrench: Loads at which to warn and to stop.
         travel: Where the stage may be and how fast, as its driver has it.
-        slack_m: How far beyond the driver's window is a trip: the driver stops before.
+        raised_m: Height from which on the stage may move across: that of the way back.
+        slack_m: How far beyond the driver's window, below that height, or across while lowered is a trip: the
+            driver stops before.
         speed_share: How much faster than the driver's limit is a trip: speeds are differences of polls.
         following_m: Largest difference of commanded and measured position.
         stale_s: Longest time without a sample while motion is permitted.
@@ -37,6 +39,7 @@ class WatchLimits:
 
     wrench: WrenchLimits = field(default_factory=WrenchLimits)
     travel: TravelLimits = field(default_factory=TravelLimits)
+    raised_m: float = 0.020
     slack_m: float = 0.5e-3
     speed_share: float = 1.25
     following_m: float = 0.5e-3
@@ -51,6 +54,7 @@ class WatchLimits:
 
     def __post_init__(self) -> None:
         for name, low, high in (
+            ("raised_m", 0.0, 1.0),
             ("slack_m", 0.0, 0.01),
             ("speed_share", 1.0, 10.0),
             ("following_m", 1e-6, 0.01),
@@ -87,6 +91,7 @@ class WatchedStage:
     released: bool = True
     condition: str = "ok"
     text: str = ""
+    x_m: float = 0.0
 
 
 class Watchdog:
@@ -105,6 +110,7 @@ class Watchdog:
         self._sample_ns = self._load_ns = self._stage_ns = self._ring_ns = 0
         self._run_ns = self._judges_ns = 0
         self._bring_up = self._hears_first = False
+        self._lowered_x_m: float | None = None
 
     @property
     def reported_ns(self) -> dict[str, int]:
@@ -150,10 +156,15 @@ class Watchdog:
         if stage.released:
             self._stage_ns = max(self._stage_ns, stage.stamp_ns)
         found = []
-        for axis, place, (low, high) in (("y", stage.y_m, travel.y_m), ("z", stage.z_m, travel.z_m)):
+        for axis, place, (low, high) in (
+            ("y", stage.y_m, travel.y_m),
+            ("z", stage.z_m, travel.z_m),
+            ("x", stage.x_m, travel.x_m),
+        ):
             if stage.moving and not stage.bring_up and not low - slack <= place <= high + slack:
                 window = f"outside of {low * 1e3:.1f} to {high * 1e3:.1f} mm"
                 found.append(LimitViolation(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
+        found += self._check_across(stage)
         if not stage.bring_up and not abs(stage.speed_m_per_s) <= self.limits.fastest_m_per_s:
             limit = f"the limit is {travel.speed_m_per_s * 1e3:g} mm/s (speed_m_s)"
             text = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, {limit}"
@@ -163,6 +174,19 @@ class Watchdog:
             cause = Cause.HEARTBEAT if stage.condition == "no heartbeat" else cause
             found.append(LimitViolation(cause, _joined("the stage says", stage.condition, stage.text)))
         return found
+
+    def _check_across(self, stage: WatchedStage) -> list[LimitViolation]:
+        """Judge whether the stage moves across while the probe is not raised."""
+        raised_m, slack_m = self.limits.raised_m, self.limits.slack_m
+        if stage.bring_up or stage.z_m >= raised_m - slack_m:
+            self._lowered_x_m = None
+        elif self._lowered_x_m is None or not stage.moving:
+            self._lowered_x_m = stage.x_m
+        elif not abs(stage.x_m - self._lowered_x_m) <= slack_m:
+            text = f"x = {stage.x_m * 1e3:.2f} mm, lowered at x = {self._lowered_x_m * 1e3:.2f} mm"
+            text += f": across it may move from z = {raised_m * 1e3:g} mm on (lift_mm)"
+            return [LimitViolation(Cause.TRAVEL, f"{text}, not at {stage.z_m * 1e3:.2f} mm")]
+        return []
 
     def check_ring(
         self, stamp_ns: int, condition: str, text: str = "", *, released: bool = True

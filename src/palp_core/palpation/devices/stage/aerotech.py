@@ -1,14 +1,15 @@
-"""The XY stage on an Aerotech controller: y along the sweep, z above the scanning height.
+"""The stage on an Aerotech controller: y along the sweep, z above the scanning height, x across if it has it.
 
 A move is bounded, never a jog, so that a host that dies leaves the stage at the end of a short leg. A path
-of several legs is sent leg by leg by the driver's thread, which also polls positions, status and faults. The
-driver never acknowledges a fault by itself.
+of several legs is sent leg by leg by the driver's thread, which also polls positions, status and faults. A
+leg sideways begins only when the measured height is that of the way back, and is aborted when it no longer
+is. The driver never acknowledges a fault by itself.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import msgspec
 import numpy as np
@@ -18,7 +19,13 @@ from palp_core.palpation.devices.health import DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.motion_profile import MotionProfile
-from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, StageReading, SweepTimes
+from palp_core.palpation.devices.protocols import (
+    Direction,
+    Int64Array,
+    StageFeedback,
+    StageReading,
+    SweepTimes,
+)
 from palp_core.palpation.devices.stage import aerotech_motion
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
@@ -27,6 +34,9 @@ from palp_core.palpation.devices.wire import aerotech as wire
 
 _PLACE_M = 50e-6  # how close to a place counts as being there
 _NO_WAY_M = _PLACE_M / 10  # a shorter leg is none
+_SINKS_M = (
+    1e-4  # how far below the way back a leg sideways may be (assumed; the gel is 0.5 mm further at least)
+)
 
 
 class AerotechState(msgspec.Struct):
@@ -42,9 +52,9 @@ class AerotechStage:
     Attributes:
         url: Address as pyserial knows it: ``/dev/ttyUSB0`` or ``socket://HOST:8000``.
         baud: Of a serial line.
-        axes: The controller's names of the axes y and z.
-        origin_m: Controller's position of y = 0 and z = 0.
-        sign: Direction of y and z on the controller's axes, each +1 or -1.
+        axes: The controller's names of the axes y and z, and of x if the stage moves across.
+        origin_m: Controller's position of y = 0, z = 0 and x = 0.
+        sign: Direction of y, z and x on the controller's axes, each +1 or -1.
         limits: Window and speed, checked before a move is sent.
         sweep_speed_m_per_s: Speed of a sweep (the paper: 20 mm/s).
         return_speed_m_per_s: Speed of the way back.
@@ -53,7 +63,8 @@ class AerotechStage:
         lead_m: Way at full speed before a sweep's interval.
         segment_m: Longest move that is sent at once, 2 mm on a single RS-232; 0 with a second link.
         settle_s: Allowance for starting and ending a leg, in the times that are predicted.
-        poll_hz: How often positions are read; four questions each, so 50 Hz fill 42 % of a line at 115200.
+        poll_hz: How often positions are read; four questions each, so 50 Hz fill 42 % of a line at 115200;
+            with three axes five questions, 52 %.
         stale_s: Longest silence.
         timeout_s: Longest wait for an answer.
         home_timeout_s: Longest homing.
@@ -65,7 +76,7 @@ class AerotechStage:
     ADDRESS: ClassVar[str] = "url:=/dev/ttyUSB0 or url:=socket://HOST:8000"
     UNVERIFIED: ClassVar[dict[str, str]] = {
         "baud": "the controller's parameter 111",
-        "axes": "which axis sweeps and which lifts",
+        "axes": "which axis sweeps, which lifts, and which moves across if one does",
         "origin_m": "where the bead and the scanning height are",
         "sign": "which way the axes count",
         "limits": "the stage's variant and travel; the speed stays at 50 mm/s until it is known",
@@ -75,9 +86,9 @@ class AerotechStage:
 
     url: str
     baud: int = 115200
-    axes: tuple[str, str] = ("X", "Y")
-    origin_m: tuple[float, float] = (0.0, 0.0)
-    sign: tuple[int, int] = (1, 1)
+    axes: tuple[str, ...] = ("X", "Y")
+    origin_m: tuple[float, ...] = (0.0, 0.0)
+    sign: tuple[int, ...] = (1, 1)
     limits: TravelLimits = field(default_factory=TravelLimits)
     sweep_speed_m_per_s: float = 0.020
     return_speed_m_per_s: float = 0.050
@@ -102,14 +113,24 @@ class AerotechStage:
         for name in ("stale_s", "timeout_s", "home_timeout_s"):  # 0 s of silence would be any silence
             check_range("stage", name, getattr(self, name), 1e-3, 600.0)
         check_range("stage", "poll_hz", self.poll_hz, 1.0, 500.0)
-        if len(self.axes) != 2 or self.axes[0] == self.axes[1] or any(s not in (1, -1) for s in self.sign):
-            raise DeviceError(f"stage: axes {self.axes}, sign {self.sign}; two names, and +1 or -1 for each")
+        count = len(self.axes)
+        one_each = count == len(set(self.axes)) == len(self.origin_m) == len(self.sign)
+        if count not in (2, 3) or not one_each or any(s not in (1, -1) for s in self.sign):
+            raise DeviceError(
+                f"stage: axes {self.axes}, origin_m {self.origin_m}, sign {self.sign}; two or three names,"
+                " and a position and +1 or -1 for each"
+            )
         self._host = HostTime()
         self._monitor = HealthMonitor(self.stale_s)
         self._motion: aerotech_motion.Motion | None = None
 
+    @property
+    def moves_across(self) -> bool:
+        """Whether a third axis is named."""
+        return len(self.axes) == 3
+
     def open(self, now_ns: int, state: AerotechState, rng: np.random.Generator) -> None:
-        """Connect, enable, and bring a fresh stage home, raised, to y = 0."""
+        """Connect, enable, and bring a fresh stage home, raised, to y = 0 and x = 0."""
         self._host.observe(now_ns)
         if self._motion is not None:
             raise DeviceError("stage: open already; close it first")
@@ -136,7 +157,7 @@ class AerotechStage:
         self._motion = motion
         if not state.homed:
             try:
-                legs = self._way_to(0.0, self.lift_m)
+                legs = self._way_home(motion.history.last)
                 self._follow(motion, legs)
             except DeviceError:
                 self.close()
@@ -162,7 +183,7 @@ class AerotechStage:
 
     def sweep(self, from_m: float, to_m: float, now_ns: int, state: AerotechState) -> SweepTimes:
         """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``."""
-        motion, y_m, z_m = self._resting(now_ns, state)
+        motion, (y_m, z_m, _) = self._resting(now_ns, state)
         speed = self.sweep_speed_m_per_s
         end_m = self.limits.sweep_end(y_m, z_m, from_m, to_m, self._run_up_m(), _PLACE_M)
         leg = self._leg("y", y_m, end_m, speed)
@@ -173,21 +194,30 @@ class AerotechStage:
         profile = MotionProfile(y_m, end_m, speed, self._accel_m_per_s2, started_ns)
         return SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns + round(self.settle_s * 1e9))
 
-    def return_to(self, y_m: float, now_ns: int, state: AerotechState, *, height_m: float = 0.0) -> int:
-        """Raise, go to ``y_m``, lower; return the predicted time of arrival in ns; errors as for a sweep."""
-        motion, here_y, here_z = self._resting(now_ns, state)
+    def return_to(
+        self,
+        y_m: float,
+        now_ns: int,
+        state: AerotechState,
+        *,
+        height_m: float = 0.0,
+        across_m: float | None = None,
+    ) -> int:
+        """Raise, go across and to ``y_m``, lower; return the predicted arrival, ns; errors as of a sweep."""
+        motion, (here_y, here_z, here_x) = self._resting(now_ns, state)
         check_range("stage", "y_m", y_m, *self.limits.y_m)
-        above = max(self.lift_m, here_z)
-        legs = [
-            self._leg("z", here_z, above, self.lift_speed_m_per_s),
-            self._leg("y", here_y, y_m, self.return_speed_m_per_s),
-            self._leg("z", above, height_m, self.lift_speed_m_per_s),
-        ]
+        above, sideways = max(self.lift_m, here_z), self.return_speed_m_per_s
+        legs = [self._leg("z", here_z, above, self.lift_speed_m_per_s)]
+        if across_m is not None:
+            self.limits.check_across(across_m)
+            legs.append(self._leg("x", here_x, across_m, sideways, raised=True))
+        legs.append(self._leg("y", here_y, y_m, sideways, raised=True))
+        legs.append(self._leg("z", above, height_m, self.lift_speed_m_per_s))
         return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
 
     def retreat(self, speed_m_per_s: float, now_ns: int, state: AerotechState) -> int:
         """Raise to ``lift_m``; return the predicted time of arrival in ns; errors as for a sweep."""
-        motion, _, z_m = self._resting(now_ns, state)
+        motion, (_, z_m, _) = self._resting(now_ns, state)
         legs = [self._leg("z", z_m, max(z_m, self.lift_m), speed_m_per_s)]
         return self._follow(motion, legs) + round(self._duration_s(legs) * 1e9)
 
@@ -207,20 +237,14 @@ class AerotechStage:
         """Return positions at times, from the polls around them; at most ``stale_s`` beyond the last one."""
         motion = self._opened()
         positions = motion.history.at(times_ns, self.stale_s, moving=motion.on_leg)
-        return StageReading(*(self._place(i, positions[i]) for i in (0, 1)))
+        return StageReading(*(self._place(axis, positions[axis]) for axis in (0, 1)))
 
     def feedback(self, now_ns: int, state: AerotechState) -> StageFeedback:
         """Return where the last poll found the stage, and whether legs are under way or waiting."""
         motion = self._opened()
-        y, z, speed_mm_per_s, asked_ns, answered_ns = motion.history.measured()
-        return StageFeedback(
-            float(self._place(0, y)),
-            float(self._place(1, z)),
-            speed_mm_per_s * 1e-3,
-            motion.busy,
-            asked_ns,
-            answered_ns,
-        )
+        controller_mm, speed_mm_per_s, asked_ns, answered_ns = motion.history.measured()
+        y_m, z_m, x_m = self._places(controller_mm)
+        return StageFeedback(y_m, z_m, speed_mm_per_s * 1e-3, motion.busy, asked_ns, answered_ns, x_m)
 
     def stop_link(
         self, url: str, *, timeout_s: float, look_hz: float, clock: Callable[[], int]
@@ -254,8 +278,10 @@ class AerotechStage:
             raise DeviceError("stage: not open; open it first")
         return self._motion
 
-    def _resting(self, now_ns: int, state: AerotechState) -> tuple[aerotech_motion.Motion, float, float]:
-        """Return the motion and where the stage rests."""
+    def _resting(
+        self, now_ns: int, state: AerotechState
+    ) -> tuple[aerotech_motion.Motion, tuple[float, float, float]]:
+        """Return the motion and where the stage rests: y, z and x, m."""
         self._host.observe(now_ns)
         motion, health = self._opened(), self.health(now_ns)
         if not health.ok:
@@ -266,30 +292,45 @@ class AerotechStage:
             raise DeviceError("stage: not homed; open it with a fresh state")
         if motion.busy:
             raise DeviceError("stage: moves; wait for the end or stop it first")
-        y, z = motion.history.last
-        return motion, float(self._place(0, y)), float(self._place(1, z))
+        return motion, self._places(motion.history.last)
+
+    def _places(self, controller_mm: tuple[float, ...]) -> tuple[float, float, float]:
+        """Return y, z and x in m; x is 0 without a third axis."""
+        y_m, z_m, *across_m = (float(self._place(i, value)) for i, value in enumerate(controller_mm))
+        return y_m, z_m, across_m[0] if across_m else 0.0
 
     def _place(self, axis: int, controller_mm: np.ndarray | float) -> np.ndarray:
         return wire.place_m(np.asarray(controller_mm), self.origin_m[axis], self.sign[axis])
 
-    def _way_to(self, y_m: float, z_m: float) -> list[aerotech_motion.Leg]:
-        motion = self._opened()
-        y, z = (float(self._place(i, value)) for i, value in enumerate(motion.history.last))
-        return [
-            self._leg("z", z, z_m, self.lift_speed_m_per_s),
-            self._leg("y", y, y_m, self.return_speed_m_per_s),
-        ]
+    def _way_home(self, controller_mm: tuple[float, ...]) -> list[aerotech_motion.Leg]:
+        y_m, z_m, x_m = self._places(controller_mm)
+        legs = [self._leg("z", z_m, self.lift_m, self.lift_speed_m_per_s)]
+        if self.moves_across:
+            legs.append(self._leg("x", x_m, 0.0, self.return_speed_m_per_s, raised=True))
+        return [*legs, self._leg("y", y_m, 0.0, self.return_speed_m_per_s, raised=True)]
 
-    def _leg(self, axis: str, from_m: float, to_m: float, speed_m_per_s: float) -> aerotech_motion.Leg:
-        """Return a leg that is within the limits; the check comes before anything is sent."""
-        self.limits.check(axis, from_m, to_m, speed_m_per_s)
-        number = 0 if axis == "y" else 1
-        start_mm, target_mm = (
-            1e3 * (self.sign[number] * place_m + self.origin_m[number]) for place_m in (from_m, to_m)
-        )
+    def _leg(
+        self, direction: Direction, from_m: float, to_m: float, speed_m_per_s: float, *, raised: bool = False
+    ) -> aerotech_motion.Leg:
+        """Return a leg that is within the limits; the check comes before anything is sent.
+
+        ``raised``: it may begin and go on only while the measured height is that of the way back.
+        """
+        self.limits.check(direction, from_m, to_m, speed_m_per_s)
+        number = get_args(Direction).index(direction)
+        start_mm, target_mm = (self._controller_mm(number, place_m) for place_m in (from_m, to_m))
+        low_mm, high_mm = sorted((self._controller_mm(1, self.lift_m - _SINKS_M), self.sign[1] * math.inf))
         return aerotech_motion.Leg(
-            self.axes[number], start_mm, target_mm, 1e3 * speed_m_per_s, abs(to_m - from_m)
+            self.axes[number],
+            start_mm,
+            target_mm,
+            1e3 * speed_m_per_s,
+            abs(to_m - from_m),
+            (low_mm, high_mm) if raised else None,
         )
+
+    def _controller_mm(self, axis: int, place_m: float) -> float:
+        return 1e3 * (self.sign[axis] * place_m + self.origin_m[axis])
 
     def _follow(self, motion: aerotech_motion.Motion, legs: list[aerotech_motion.Leg]) -> int:
         return motion.follow(

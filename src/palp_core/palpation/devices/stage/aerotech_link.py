@@ -58,7 +58,7 @@ class AerotechLink:
     def close(self) -> None:
         self._link.close()
 
-    def guard(self, axes: tuple[str, str]) -> bool:
+    def guard(self, axes: tuple[str, ...]) -> bool:
         """Have the axes aborted, then disabled, should this process die; return whether that can be."""
         abort = wire.each("ABORT", axes)
         words = [*((after_s, abort) for after_s in _ABORTS_S), (_DISABLE_S, wire.each("DISABLE", axes))]

@@ -25,13 +25,17 @@ _RECOVERS = (Condition.OK, Condition.STALE, Condition.GARBLED, Condition.LINK_LO
 
 @dataclass(frozen=True)
 class Leg:
-    """One straight move of one axis, in the controller's units, and its length."""
+    """One straight move of one axis, in the controller's units, and its length.
+
+    ``lift_mm`` is between which positions the lifting axis must be measured all the way; None: anywhere.
+    """
 
     axis: str
     start_mm: float
     target_mm: float
     speed_mm_per_s: float
     length_m: float
+    lift_mm: tuple[float, float] | None = None
 
     @property
     def command(self) -> bytes:
@@ -68,7 +72,7 @@ def duration_s(legs: Iterable[Leg], accel_m_per_s2: float, settle_s: float) -> f
 class ControllerAxes:
     """The axes as the controller has them: enabled, homed, at fault, moving, and where."""
 
-    def __init__(self, link: AerotechLink, names: tuple[str, str], host: HostTime) -> None:
+    def __init__(self, link: AerotechLink, names: tuple[str, ...], host: HostTime) -> None:
         self.names = names
         self._link, self._host = link, host
         self._abort = wire.each("ABORT", names)
@@ -96,13 +100,13 @@ class ControllerAxes:
         return all(self.status(axis) & wire.AxisStatus.HOMED for axis in self.names)
 
     def home(self, timeout_s: float, period_s: float) -> None:
-        """Home the lifting axis, then the sweeping one.
+        """Home the lifting axis, then the others.
 
         Of all motion only this ends when the controller alone decides. Whatever ends it early also stops it,
         as it would go on unwatched.
         """
         try:
-            for axis in self.names[::-1]:
+            for axis in (self.names[1], self.names[0], *self.names[2:]):
                 self._home(axis, timeout_s, period_s)
         except BaseException:
             with suppress(DeviceError):
@@ -126,12 +130,12 @@ class ControllerAxes:
         return any(self.status(axis) & wire.AxisStatus.MOVING for axis in self.names)
 
     def poll_positions(self, history: PositionHistory) -> None:
-        """Ask where both axes are, in mm, and add it, stamped in the middle of the first exchange."""
+        """Ask where the axes are, in mm, and add it, stamped in the middle of the first exchange."""
         asked_ns = self._host.now_ns()
         first_mm = self._link.number(f"PFBKPROG({self.names[0]})")
         error_ns = (self._host.now_ns() - asked_ns) // 2
-        second_mm = self._link.number(f"PFBKPROG({self.names[1]})")
-        history.append(asked_ns + error_ns, first_mm, second_mm, error_ns, self._host.now_ns())
+        others_mm = [self._link.number(f"PFBKPROG({axis})") for axis in self.names[1:]]
+        history.append(asked_ns + error_ns, (first_mm, *others_mm), error_ns, self._host.now_ns())
 
     def _home(self, axis: str, timeout_s: float, period_s: float) -> None:
         self._link.do(wire.command(f"HOMEASYNC {axis}"), _ENABLING_S)
@@ -208,7 +212,11 @@ class Motion:
             self._monitor.note_data(self._host.now_ns())
 
     def follow(self, legs: list[Leg]) -> int:
-        """Send the first leg now and the others one after another; return when the first started, in ns."""
+        """Send the first leg now and the others one after another; return when the first started, in ns.
+
+        Raises:
+            DeviceError: The first leg needs another height than is measured now; or the link fails.
+        """
         with self._change:
             if self.busy:
                 raise DeviceError("stage: moves; wait for the end or stop it first")
@@ -217,6 +225,10 @@ class Motion:
             self._starting, aborts = True, self._aborts
             self._legs.extend(legs[1:])
         try:
+            if legs[0].lift_mm is not None:
+                self._axes.poll_positions(self.history)
+                if low := self._lowered(legs[0]):
+                    raise DeviceError(f"stage: {low}; raise it first")
             self._send(legs[0], aborts)
         except DeviceError:
             self._forget_legs()
@@ -262,18 +274,21 @@ class Motion:
         self._link.require_guard()
         self._axes.poll_positions(self.history)
         active, names = self._active, self._axes.names
-        axis = active.axis if active else names[self._turn % 2]
+        axis = active.axis if active else names[self._turn % len(names)]
         status = self._axes.status(axis)
         self._turn += 1
-        watched = names[self._turn // 2 % 2] if status & wire.AxisStatus.ENABLED else axis
+        watched = names[self._turn // 2 % len(names)] if status & wire.AxisStatus.ENABLED else axis
         fault = self._axes.fault(watched)
         now_ns = self._host.now_ns()
         if self._aborting:
             self._see_rest()
+        low = self._lowered(active) if active is not None and active is self._active else ""
         if fault:
             self._trouble(_condition_of(fault), f"axis {watched}: {fault.words}")
         elif not status & wire.AxisStatus.ENABLED:
             self._trouble(Condition.DISABLED, f"axis {axis} is disabled, and not by this driver")
+        elif low:
+            self._trouble(Condition.DEVICE_FAULT, low)
         else:
             recovers = self._monitor.read(now_ns).condition in _RECOVERS
             (self._monitor.note_data if recovers else self._monitor.note_contact)(now_ns)
@@ -306,10 +321,20 @@ class Motion:
             self._trouble(Condition.DISABLED, f"{words}: stopped, and not by this driver")
             return
         try:
-            if following is not None:
+            if following is not None and (low := self._lowered(following)):
+                self._trouble(Condition.DEVICE_FAULT, low)
+            elif following is not None:
                 self._send(following, aborts)
         finally:
             self._starting = False
+
+    def _lowered(self, leg: Leg) -> str:
+        """Return how the height measured last forbids a leg; empty: it does not."""
+        if leg.lift_mm is None or leg.lift_mm[0] <= (at_mm := self.history.last[1]) <= leg.lift_mm[1]:
+            return ""
+        return (
+            f"axis {self._axes.names[1]} is at {at_mm:.2f} mm, not raised, where axis {leg.axis} is to move"
+        )
 
     def _send(self, leg: Leg, aborts: int) -> None:
         """Start a leg, and stop it again if somebody aborted in the meantime."""

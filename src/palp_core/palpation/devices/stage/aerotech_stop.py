@@ -4,12 +4,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from time import monotonic_ns
+from typing import get_args
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.protocols import AxisReport, StopTimes
+from palp_core.palpation.devices.protocols import AxisReport, Direction, StopTimes
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
 from palp_core.palpation.devices.wire import aerotech as wire
 
+_DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 _KEPT = 100  # reports that were not fetched yet
 
 
@@ -24,11 +26,11 @@ class AerotechStop:
     def __init__(
         self,
         url: str,
-        axes: tuple[str, str] = ("X", "Y"),
+        axes: tuple[str, ...] = ("X", "Y"),
         baud: int = 115200,
         *,
-        origin_m: tuple[float, float] = (0.0, 0.0),
-        sign: tuple[int, int] = (1, 1),
+        origin_m: tuple[float, ...] = (0.0, 0.0),
+        sign: tuple[int, ...] = (1, 1),
         timeout_s: float = 0.1,
         rest_s: float = 0.2,
         look_hz: float = 0.0,
@@ -134,7 +136,7 @@ class AerotechStop:
         fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
         return AxisReport(
             axis=axis,
-            direction="z" if number else "y",
+            direction=_DIRECTIONS[number],
             fault=fault.words if fault else "",
             moving=bool(status & wire.AxisStatus.MOVING),
             enabled=bool(status & wire.AxisStatus.ENABLED),
