@@ -12,7 +12,7 @@ from palp_core import units
 
 def units_table() -> Iterator[tuple[str, str, str, str, str]]:
     """Yield the table of all units."""
-    yield "name", "type", "unit", "least", "largest"
+    yield "name", "type", "unit", "min", "max"
     for name, kind, unit, low, high in quantities():
         yield f"`{name}`", kind, unit, low, high
 
