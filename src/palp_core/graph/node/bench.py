@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar, overload
 from palp_core.errors import NodeError
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.builtin import Order
-from palp_core.graph.messages.frame import Kind, pack, parse
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node import action_messages as wire
@@ -112,7 +112,7 @@ class Bench(Generic[N]):
     def _feed(self, port: Port, name: str, message: Message) -> None:
         sequence = self._sequence[name] = self._sequence.get(name, 0) + 1
         now_ns, type_hash = self.clock.now_ns(), schema_of(type(message)).type_hash
-        self.executor.consume(pack(name.encode(), Kind.DATA, 0, sequence, now_ns, type_hash, encode(message)))
+        self.executor.consume(Frame(name, Kind.DATA, 0, sequence, now_ns, type_hash, encode(message)))
         self._ring_due()
 
     def advance(self, seconds: float) -> None:

@@ -22,7 +22,7 @@ from palp_core.graph.bag.rounds import NODES_ATTACHMENT
 from palp_core.graph.bag.stream import decoder_for
 from palp_core.graph.clock import SimClock, monotonic_ns
 from palp_core.graph.messages.builtin import MethodsUsed, Order
-from palp_core.graph.messages.frame import Kind, pack, parse
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.message import decode, decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
@@ -213,21 +213,21 @@ class _Replay:
             if this != self._last_input:  # one topic may feed two inputs: both are served at once
                 self._last_input = this
                 frame = self._recorded_frame(*this)
-                if frame:
+                if frame is not None:
                     executor.consume(frame)
 
-    def _recorded_frame(self, name: str, epoch: int, sequence: int) -> bytes:
-        """Return a message that the node consumed; empty at the end of a bag whose recorder was killed."""
+    def _recorded_frame(self, name: str, epoch: int, sequence: int) -> Frame | None:
+        """Return a message that the node consumed; None at the end of a bag whose recorder was killed."""
         message = self._inputs.find(name, epoch, sequence)
         self._cut = message is None and not self._whole
         if self._cut:
-            return b""
+            return None
         if message is None:
             raise BagError(
                 f"{self._spec.name} consumed {name} {sequence} (epoch {epoch}); it is not in the bag"
             )
         type_hash = int(message.stream.topic.type_hash, 16)
-        return pack(name.encode(), Kind.DATA, epoch, sequence, message.publish_ns, type_hash, message.payload)
+        return Frame(name, Kind.DATA, epoch, sequence, message.publish_ns, type_hash, message.payload)
 
     @property
     def _commentary(self) -> set[str]:
