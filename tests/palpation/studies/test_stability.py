@@ -37,7 +37,7 @@ from palp_core.palpation.studies.stability.study import CASES, markdown, measure
 from palp_core.units import Float64Array
 
 STAGE_M = np.linspace(-0.03, 0.05, 41)
-DOCS = Path(__file__).parents[3] / "docs" / "explanation" / "mechanics.md"
+DOCS = Path(__file__).parents[3] / "docs" / "results" / "mechanics.md"
 FAILS = {
     "newton_from_upright": "everywhere in the range",
     "fixed_point": "everywhere in the range",

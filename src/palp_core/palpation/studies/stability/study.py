@@ -50,6 +50,6 @@ def tried(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """Return the table of ``docs/explanation/mechanics.md``, a row per case."""
+    """Return the table of ``docs/results/mechanics.md``, a row per case."""
     lines = [HEAD, ("---",) * len(HEAD), *(row.cells for row in rows)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
