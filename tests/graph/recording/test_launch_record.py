@@ -6,7 +6,6 @@ import contextlib
 import json
 import re
 import shutil
-import statistics
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +25,7 @@ from tests.support.rig_session import ComposedGraph
 from tests.support.supervised import Running
 
 MOST_LOST_S = 0.6
-"""In the median, as a busy host may pause any recorder; of the writer it is held on a given clock, always."""
+"""Where nothing else runs; on a given clock the same is held of the writer of bags."""
 
 
 def recorder_of(palp: Palp, name: str = "recorder") -> psutil.Process:
@@ -96,7 +95,7 @@ def recovered_from_kills(palp: Palp, folder: Path, kills: int) -> Iterator[float
 
 @pytest.mark.slow
 def test_a_killed_recorder_costs_little(palp: Palp, tmp_path: Path) -> None:
-    assert statistics.median(recovered_from_kills(palp, tmp_path, 50)) <= MOST_LOST_S
+    assert max(recovered_from_kills(palp, tmp_path, 50)) <= MOST_LOST_S
 
 
 def test_a_launch_file_may_have_a_recorder_among_its_nodes(
