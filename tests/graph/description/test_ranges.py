@@ -21,7 +21,8 @@ ROOT = Path(__file__).parents[3]
 TABLE = yaml.safe_load(Path(__file__).with_name("rig_mistakes.yaml").read_text(encoding="utf-8"))
 LAUNCH = ROOT / "launch"
 SHARED = ("parts/experiment.yaml", "parts/devices.yaml")  # of rig.yaml and emulated.yaml
-PLACES = {"from_m", "to_m", "indentation_mm"}  # what lies on an axis; all else is a size, a rate or a count
+PLACES = {"from_m", "to_m", "across_from_m", "across_to_m", "indentation_mm"}
+"""What lies on an axis; all else is a size, a rate or a count."""
 
 
 def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
