@@ -13,10 +13,11 @@ from palp_core.counted import counted
 from palp_core.errors import BagError, GraphError, SchemaMismatch
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.graph_reader import KIND_OFFSET
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import ERROR, OK, level_of
 from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent
-from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
@@ -70,7 +71,7 @@ class LiveRecorder:
         topics = list(self._known.values())
         self._attached = self._attachments()
         self._sink = (
-            SnapshotRecorder(round(params.snapshot_s * 1e9), topics)
+            SnapshotRecorder(round(params.snapshot_s * 1e9), topics, watch=params.snapshot_on_trouble)
             if params.snapshot_s
             else self._bag(self._out, from_start=from_start)
         )
@@ -126,7 +127,7 @@ class LiveRecorder:
     def save_trouble(self, *, at_once: bool = False) -> str:
         """Write what is kept if a trouble has been seen a while ago; return what happened and the account."""
         sink = self._sink
-        if not (self._params.snapshot_on_trouble and isinstance(sink, SnapshotRecorder) and sink.trouble):
+        if not isinstance(sink, SnapshotRecorder) or not sink.trouble:
             return ""
         if not at_once and monotonic_ns() < sink.trouble_ns + AFTERMATH_NS:
             return ""
@@ -214,15 +215,19 @@ class LiveRecorder:
 
 
 class SnapshotRecorder(BagRecorder):
-    """Accounts for every frame, and keeps it for a while; the last message of a latched topic for good."""
+    """Accounts for every frame, and keeps it for a while; the last message of a latched topic for good.
 
-    def __init__(self, duration_ns: int, topics: Iterable[Topic]) -> None:
+    With ``watch`` it notes the first trouble that nodes or launcher report.
+    """
+
+    def __init__(self, duration_ns: int, topics: Iterable[Topic], *, watch: bool = False) -> None:
         writer: Any = _NoBag()
         topics = list(topics)
         super().__init__(writer, topics, from_start=False)
         self._duration_ns = duration_ns
         self._frames: deque[tuple[int, bytes]] = deque()
         self._latched_topics = frozenset(topic.name.encode() for topic in topics if topic.latched_depth)
+        self._watch = watch
         self._latched: dict[bytes, tuple[int, bytes]] = {}
         self.trouble, self.trouble_ns = "", 0  # the first since the last snapshot; when it was seen
 
@@ -237,23 +242,23 @@ class SnapshotRecorder(BagRecorder):
     def __call__(self, now_ns: int, frame: bytes) -> None:
         """Keep a frame and forget those that are too old."""
         super().__call__(now_ns, frame)
-        try:
-            parsed = parse(frame)
-        except SchemaMismatch:
-            return
-        if parsed.kind == Kind.DATA:
+        kind = frame.find(0) + KIND_OFFSET
+        if kind < len(frame) and frame[kind] == Kind.DATA:
             self._frames.append((now_ns, frame))
-            if parsed.type_hash in _REPORTS and not self.trouble:
-                self._note_trouble(parsed)
+            if self._watch and not self.trouble:
+                self._look_for_trouble(frame)
         while self._frames and self._frames[0][0] < now_ns - self._duration_ns:
             old = self._frames.popleft()
             topic = old[1].partition(b"\0")[0]
             if topic in self._latched_topics:
                 self._latched[topic] = old
 
-    def _note_trouble(self, frame: Frame) -> None:
+    def _look_for_trouble(self, raw: bytes) -> None:
         """Note a status that is an error, and the launcher's bad news."""
         try:
+            frame = parse(raw)
+            if frame.type_hash not in _REPORTS:
+                return
             report = decode(_REPORTS[frame.type_hash], frame.payload)
         except SchemaMismatch:
             return

@@ -123,10 +123,8 @@ class TopicReceiver:
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
-        waits = self._subscriber.receive_pending or (
-            self._requester.file_descriptors and self._requester.pending()
-        )
-        return bool(waits) and not self._inbox_is_full()
+        waits = self._subscriber.receive_pending or self._requester.pending()
+        return waits and not self._inbox_is_full()
 
     def receive(self, slice_ns: int) -> None:
         """Take in what has arrived, put it in order, ask for what is missing.
@@ -134,7 +132,7 @@ class TopicReceiver:
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
         """
-        if not self._inbox or not self._inbox_is_full():
+        if not self._inbox_is_full():
             self._subscriber.dispatch(self._arrive, slice_ns)
             if self._requester.file_descriptors:
                 self._take_answers()
