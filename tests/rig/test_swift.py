@@ -135,7 +135,7 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
     ends = [row for row in read_rows(out) if row.verdict == "decided"]
     assert len(ends) == 3
     published = by_topic(tmp_path / "bag")
-    decided_ns = [one.log_ns for one in published["/estimator/outlook"] if one.value.verdict == "decided"]
+    decided_ns = [one.publish_ns for one in published["/estimator/outlook"] if one.value.verdict == "decided"]
     for row in ends:  # a slow machine decides late: what was decided in time ends the sweep, and nothing else
         first_ns = min((ns for ns in decided_ns if row.start_ns <= ns), default=row.end_ns)
         spare_s = WHOLE_S - (first_ns - row.start_ns) * 1e-9
